@@ -1,0 +1,2 @@
+from . import lv, pid, smc1, smc2, surface
+from .core import *

@@ -1,0 +1,184 @@
+"""Blocks: one plain function each.
+
+Arguments without a default are signals, wired by name; arguments with a default are parameters. A block with memory
+names its state and asks for `z` and `tau`; it returns (output, next z). A plant returns dx/dt.
+"""
+
+import copy
+
+from .cache import fingerprint
+from .param import Param, ParameterError, declared, unknown
+
+__all__ = ["Block", "BlockError", "Channels", "block", "channels", "routed"]
+
+
+class BlockError(TypeError):
+    """A block that is wired, shaped or written so that it cannot run; the message names block, stage and line."""
+
+
+class Block:
+    """A plain function with its parameters, made by `block`.
+
+    Attributes
+    ----------
+    f : function
+        The function itself.
+    signals : tuple of str
+        Names of the signals it asks for.
+    params, states : dict of str to Param
+        Metadata.
+    kinds : dict of str to type
+        float, int or bool, of each parameter.
+    values : dict
+        Values of the parameters and initial values of the states.
+    output : Param, tuple or None
+        Metadata of what it returns, from the return annotation.
+    """
+
+    def __init__(self, f, state):
+        self.f, self.name, self.__doc__ = f, f.__name__, f.__doc__
+        self.signals, self.params, self.kinds, self.values, self.output = declared(f)
+        self.states = {}
+        for name, v in state.items():
+            v, meta = v if isinstance(v, tuple) else (v, Param())
+            if name in self.params:
+                raise BlockError(f"{self.name}: '{name}' is both a parameter and a state")
+            self.states[name], self.values[name] = meta, meta.check(self.name, name, v)
+        if "x" not in self.signals and bool(state) != ("z" in self.signals):
+            raise BlockError(f"{self.name}: a block names a state if and only if it asks for z")
+
+    settable = property(lambda self: {**self.params, **self.states})
+    p = property(lambda self: tuple(self.values[n] for n in self.params))
+    z0 = property(lambda self: tuple(self.values[n] for n in self.states))
+
+    def with_(self, **changes):
+        """Return a copy with other parameters or initial states.
+
+        Raises
+        ------
+        ParameterError
+            An unknown name, or a value that its metadata does not allow.
+        """
+        new, known = copy.copy(self), self.settable
+        new.values = dict(self.values)
+        for name, v in changes.items():
+            if name not in known:
+                raise unknown(self.name, name, known)
+            new.values[name] = known[name].check(self.name, name, v, self.kinds.get(name, float))
+        return new
+
+    def __call__(self, *args, **params):
+        """Evaluate the block as plain Python; parameters not given have the block's values."""
+        rest = list(self.params)[max(0, len(args) - len(self.signals)):]
+        return self.f(*args, **{**{n: self.values[n] for n in rest}, **params})
+
+    def __repr__(self):
+        say = (f"{n}={self.values[n]:g}" + (f" {m.unit}" if m.unit != "1" else "") for n, m in self.settable.items())
+        return f"{self.name}({', '.join(say)})"
+
+    def content(self):
+        """What the compiled block depends on."""
+        def bounds(m):
+            return (m.low, m.high) if isinstance(m, Param) else m and tuple(map(bounds, m))
+
+        return fingerprint(self.f), {n: bounds(m) for n, m in self.states.items()}, bounds(self.output), self.kinds
+
+
+class Channels:
+    """Independent blocks side by side, made by `channels`; each sees its own component of every signal."""
+
+    signals = output = None
+
+    def __init__(self, parts):
+        for name, b in parts.items():
+            if not isinstance(b, (Block, Channels)):
+                raise BlockError(f"channels: {name} must be a block, not {b!r}")
+        self.parts, self.name = parts, "channels"
+
+    def _joined(self, what):
+        return {f"{c}__{n}": v for c, b in self.parts.items() for n, v in getattr(b, what).items()}
+
+    params = property(lambda self: self._joined("params"))
+    kinds = property(lambda self: self._joined("kinds"))
+    values = property(lambda self: self._joined("values"))
+    settable = property(lambda self: self._joined("settable"))
+    states = property(lambda self: {c: b.states for c, b in self.parts.items()})
+    p = property(lambda self: tuple(v for b in self.parts.values() for v in b.p))
+    z0 = property(lambda self: tuple(v for b in self.parts.values() for v in b.z0))
+    __doc__ = property(lambda self: "\n\n".join(f"{c}: {b.__doc__}" for c, b in self.parts.items()))
+
+    def with_(self, **changes):
+        """Return a copy: ``part=block`` replaces a part, ``part__name=value`` sets something in it."""
+        return Channels(routed(self.name, self.parts, changes))
+
+    def __repr__(self):
+        return f"channels({', '.join(f'{c}={b!r}' for c, b in self.parts.items())})"
+
+    def content(self):
+        """What the compiled blocks depend on."""
+        return [(c, b.content()) for c, b in self.parts.items()]
+
+
+def routed(owner, parts, changes):
+    """Parts with changes applied: part=block replaces it, part__name=value sets something in it."""
+    new, inner = dict(parts), {}
+    for key, v in changes.items():
+        part, _, name = key.partition("__")
+        if part not in parts:
+            raise unknown(owner, part, parts)
+        if name:
+            inner.setdefault(part, {})[name] = v
+        else:
+            new[part] = v
+    for part, values in inner.items():
+        if new[part] is None:
+            raise ParameterError(f"{owner}: {part} is not used, so it has no '{next(iter(values))}'")
+        new[part] = new[part].with_(**values)
+    return new
+
+
+def block(f=None, *, state=None):
+    """Make a block of a plain function.
+
+    Parameters
+    ----------
+    f : function
+        Arguments without a default are signals, wired by name; arguments with one are parameters, and their
+        annotation ``Annotated[float, Param(...)]`` says what a mask and a validation need. It may use floats,
+        tuples, `math` and other plain functions; write ``x*x`` rather than ``x**2`` where compiled and plain runs
+        must agree to the last bit.
+    state : dict, optional
+        ``{name: initial value}`` or ``{name: (initial value, Param)}``.
+
+    Returns
+    -------
+    Block
+
+    Raises
+    ------
+    BlockError, ParameterError
+        The declaration contradicts itself.
+
+    Examples
+    --------
+    >>> @block
+    ... def sign_law(sigma, rho: Annotated[float, Param(r"\\rho", "[v]", low=0.0)] = 1.0):
+    ...     return rho*((sigma > 0.0) - (sigma < 0.0))
+    """
+    return Block(f, state or {}) if f else lambda g: Block(g, state or {})
+
+
+def channels(**parts):
+    """Run independent blocks side by side, one for each component of the signals.
+
+    Parameters
+    ----------
+    **parts : Block
+        ``channels(attitude=a, descent=b)``: `a` sees component 0 of every signal, `b` component 1.
+
+    Returns
+    -------
+    Channels
+        Used as a block; its parameters are ``attitude__lam`` and so on.
+    """
+    return Channels(parts)

@@ -1,0 +1,158 @@
+"""What a function says (not who it is): fingerprints, compiled functions, and a disk cache keyed on them."""
+
+import contextlib
+import hashlib
+import os
+import pathlib
+import pickle
+import sys
+import tempfile
+import types
+import warnings
+
+import numpy as np
+import platformdirs
+
+__all__ = ["cache_folder", "compiled", "fingerprint", "kept"]
+
+_ENGINE = hashlib.sha256(b"".join(f.read_bytes() for f in sorted(pathlib.Path(__file__).parent.glob("*.py")))).hexdigest()
+_LIBRARIES = {"math", "builtins", "numpy", "scipy", "numba"}
+_FILES = 500  # compiled loops kept on disk; the oldest go first
+_compiled = {}
+_said = set()
+
+
+def _codes(c):
+    """A code object and those nested in it."""
+    return [c] + [d for k in c.co_consts if isinstance(k, types.CodeType) for d in _codes(k)]
+
+
+def _used(f):
+    """The globals that a function reads."""
+    return {n: f.__globals__[n] for c in _codes(f.__code__) for n in c.co_names if n in f.__globals__}
+
+
+def _content(v, seen, names=(), defaults=True):
+    """Text that changes whenever the compiled meaning of `v` may change."""
+    v = getattr(v, "py_func", v)  # a numba function
+    name = f"{getattr(v, '__module__', '')}.{getattr(v, '__qualname__', getattr(v, '__name__', ''))}"
+    if hasattr(v, "of_signals") or name.lstrip(".").split(".")[0] in _LIBRARIES:
+        return name  # covered by _ENGINE, or by the numba version
+    if isinstance(v, types.FunctionType):
+        if id(v) in seen:
+            return "seen"
+        seen.add(id(v))
+        names = {n for c in _codes(v.__code__) for n in c.co_names}
+        say = [(c.co_argcount, c.co_code.hex(), c.co_names, c.co_varnames, c.co_freevars,
+                [k for k in c.co_consts if not isinstance(k, types.CodeType)]) for c in _codes(v.__code__)]
+        say += [v.__defaults__, v.__kwdefaults__] if defaults else []
+        cells = [_content(c.cell_contents, seen, names) for c in v.__closure__ or ()]
+        return repr((say, cells, [(n, _content(g, seen, names)) for n, g in _used(v).items()]))
+    if isinstance(v, types.ModuleType):  # cfg.K: every attribute that may be read
+        return repr((v.__name__, [(n, _content(getattr(v, n), seen, names)) for n in sorted(names) if hasattr(v, n)]))
+    if hasattr(v, "f") and hasattr(v, "values"):  # a block used as a helper: its values are constants
+        return repr((v.values, _content(v.f, seen, (), False)))
+    if isinstance(v, np.ndarray):
+        return repr((v.dtype, v.shape, v.tobytes()))
+    if isinstance(v, (tuple, list)):
+        return repr([_content(k, seen, names) for k in v])
+    return name if isinstance(v, type) or callable(v) else repr(v)
+
+
+def fingerprint(f):
+    """Hash of what `f` and all that it calls and reads say.
+
+    The defaults of `f` itself are run-time parameters and left out; those of its helpers are constants.
+    """
+    return hashlib.sha256(_content(f, set(), defaults=False).encode()).hexdigest()
+
+
+def compiled(f, defaults=None):
+    """The numba version of a plain function; the plain helpers and blocks that it calls are compiled with it."""
+    from numba import njit
+
+    key = fingerprint(f), defaults
+    if key not in _compiled:
+        def inner(v):
+            if hasattr(v, "f") and hasattr(v, "values"):
+                return compiled(v.f, v.p)
+            return compiled(v) if isinstance(v, types.FunctionType) and not hasattr(v, "of_signals") else v
+
+        cells = tuple(types.CellType(inner(c.cell_contents)) for c in f.__closure__ or ()) or None
+        names = {"__name__": __name__, **{n: inner(v) for n, v in _used(f).items()}}
+        g = types.FunctionType(f.__code__, names, f.__name__, defaults or f.__defaults__, cells)
+        _compiled[key] = njit(nogil=True, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)(g)
+    return _compiled[key]
+
+
+def cache_folder():
+    """The folder of compiled loops: the user's own, readable by nobody else; ``SMCAERO_CACHE_DIR`` overrides it.
+
+    Compiled code is code: a folder that somebody else owns or may write to is refused with `PermissionError`.
+    """
+    folder = pathlib.Path(os.environ.get("SMCAERO_CACHE_DIR") or platformdirs.user_cache_path("smcaero_nb", False))
+    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    if hasattr(os, "getuid"):
+        s = folder.stat()
+        if s.st_uid != os.getuid() or s.st_mode & 0o022:
+            raise PermissionError(f"{folder} belongs to another user, or others may write to it")
+        if s.st_mode & 0o077:
+            folder.chmod(0o700)
+    return folder
+
+
+def _once(message):
+    """Warn, but say each thing once a session."""
+    if message not in _said:
+        _said.add(message)
+        warnings.warn(message, RuntimeWarning, stacklevel=4)
+
+
+class _Disk:
+    """The part of numba's cache protocol that a dispatcher uses, with one file for each content and signature."""
+
+    def __init__(self, key):
+        self.key = key
+
+    def path(self, sig, codegen):
+        import numba
+
+        say = repr((_ENGINE, self.key, str(sig), codegen.magic_tuple(), numba.__version__, np.__version__,
+                    sys.implementation.cache_tag))
+        return cache_folder() / (hashlib.sha256(say.encode()).hexdigest() + ".loop")
+
+    def load_overload(self, sig, target):
+        from numba.core.compiler import CompileResult
+
+        try:
+            target.refresh()
+            path = self.path(sig, target.codegen())
+            return CompileResult._rebuild(target, *pickle.loads(path.read_bytes())) if path.exists() else None
+        except Exception as why:  # a damaged file, or numba has changed: compile
+            _once(f"smcaero_nb: compiled code not read from disk ({type(why).__name__}: {why}); compiling again")
+
+    def save_overload(self, sig, result):
+        from numba.core.serialize import dumps
+
+        try:
+            path = self.path(sig, result.codegen)
+            data = dumps(result._reduce())
+            handle, name = tempfile.mkstemp(dir=path.parent)
+            with os.fdopen(handle, "wb") as f:
+                f.write(data)
+            os.replace(name, path)  # whole or not at all, whoever else writes it now
+            old = sorted(path.parent.glob("*.loop"), key=lambda q: q.stat().st_mtime)[:-_FILES]
+            with contextlib.suppress(OSError):
+                for q in old:
+                    q.unlink()
+        except Exception as why:
+            _once(f"smcaero_nb: compiled code not kept on disk ({type(why).__name__}: {why}); it will be compiled anew next time")
+
+
+def kept(dispatcher, key):
+    """Let the numba function `dispatcher` keep its compiled code on disk under `key`; without numba's internals, do without."""
+    if not hasattr(dispatcher, "_cache"):
+        _once("smcaero_nb: this version of numba keeps its cache elsewhere; compiled code is not kept on disk")
+    else:
+        dispatcher._cache = _Disk(key)
+    return dispatcher

@@ -1,0 +1,540 @@
+"""The closed loop and its simulation.
+
+The loop is written out as one Python function for the given blocks and the shapes of their signals, every leaf of
+every signal a local variable (`_Writer`); it runs as it is or compiled by numba: the same text, the same numbers.
+"""
+
+import hashlib
+import linecache
+import math
+import re
+import time
+import types
+
+import numpy as np
+
+from .block import Block, BlockError, Channels, routed
+from .cache import compiled, kept
+from .metrics import metrics
+from .param import Param, ParameterError, positive
+from .signal import flat, leaves, shape, text
+
+__all__ = ["ClosedLoop", "Run", "simulate"]
+
+LIMIT = 1e12  # sum of |x| beyond which any run has diverged
+CHUNK = 0.02  # s of machine time between two looks at Ctrl-C, cancel and progress
+
+ASKS = dict(reference=("t",), output=("t", "x"), differentiator=("t", "r", "y", "e"), surface=("t", "r", "y", "e"),
+            law=("t", "r", "y", "e", "sigma"), allocation=("t", "r", "y", "e", "sigma", "v"), actuator=("t", "y", "u"),
+            perturbation=("t", "x"), plant=("t", "x", "u", "d"))
+GIVES = dict(differentiator=("e_hat", "e"), surface=("sigma", "e_hat"), law=("v", "sigma"), allocation=("u", "v"),
+             actuator=("u", "u"))  # what a sampled stage gives, and what it passes on where there is none
+SIGNALS = ("t", "r", "y", "e", "e_hat", "sigma", "v", "u", "d")
+METHODS = dict(euler=[(0.0, 1.0)], midpoint=[(0.0, 0.0), (0.5, 1.0)],
+               rk4=[(0.0, 1/6), (0.5, 1/3), (0.5, 1/3), (1.0, 1/6)])  # (node, weight) of each evaluation
+
+
+class ClosedLoop:
+    """A plant under sampled control: what `simulate` runs.
+
+    Parameters
+    ----------
+    plant : Block
+        ``x' = plant(t, x, u, d)``, integrated with `dt`.
+    reference, output, differentiator, surface, law, allocation, actuator, perturbation : Block, Channels or None
+        The stages of the pipeline; one left out is the identity (reference and perturbation: zero), free of cost.
+        A parameter of `output` that the plant has too follows the plant.
+    duration, dt, tau : float, optional
+        What `simulate` uses unless told otherwise [s].
+    name : str
+        For titles.
+
+    Raises
+    ------
+    BlockError
+        A stage is not a block.
+    ParameterError
+        An unknown stage.
+    """
+
+    def __init__(self, plant, *, duration=None, dt=None, tau=None, name="", **stages):
+        self.duration, self.dt, self.tau, self.name = duration, dt, tau, name
+        self.stages = routed("ClosedLoop", dict.fromkeys(ASKS), {"plant": plant, **stages})
+        for stage, b in self.stages.items():
+            if not isinstance(b, Block if stage == "plant" else (Block, Channels, type(None))):
+                raise BlockError(f"{stage} must be a block (a function under @block), not {b!r}")
+
+    def with_(self, **changes):
+        """Return a copy with changes.
+
+        ``law=other_block`` replaces a stage, ``law__lam=2.0`` sets a parameter in it, ``plant__theta=0.1`` an initial
+        state, ``law__attitude__lam=2.0`` reaches into channels; `duration`, `dt`, `tau`, `name` as in `ClosedLoop`.
+
+        Raises
+        ------
+        ParameterError
+            An unknown stage or name, or a value that its metadata does not allow.
+        """
+        own = {k: changes.pop(k, getattr(self, k)) for k in ("duration", "dt", "tau", "name")}
+        return ClosedLoop(**routed("ClosedLoop", self.stages, changes), **own)
+
+    def settable(self):
+        """{name: (Param, value, kind)} of all that `with_` accepts in the stages: what a mask shows."""
+        tied = self.stages["plant"].params
+        return {f"{s}__{n}": (m, b.values[n], b.kinds.get(n, float)) for s, b in self.stages.items() if b
+                for n, m in b.settable.items() if not (s == "output" and n in tied)}
+
+    @property
+    def p(self):
+        """The parameters, stage by stage; the output takes the plant's value of any name they share."""
+        plant, b = self.stages["plant"], dict(self.stages)
+        if b["output"]:
+            b["output"] = b["output"].with_(**{n: plant.values[n] for n in b["output"].params if n in plant.params})
+        return {s: v.p for s, v in b.items() if v}
+
+    def start(self):
+        """Initial states {local variable: value} of the plant and of the sampled stages."""
+        z = {f"z_{s}_{i}": v for s in GIVES if self.stages[s] for i, v in enumerate(self.stages[s].z0)}
+        return {f"x_{i}": v for i, v in enumerate(self.stages["plant"].z0)}, z
+
+    def metadata(self, signal):
+        """Metadata of a signal: a `Param`, a (nested) tuple of them, or None where no block declares any."""
+        by = dict(r=("output",), y=("output",), e=("output",), e_hat=("output",), sigma=("surface",), v=("law",),
+                  u=("actuator", "allocation", "law"), d=("perturbation",))[signal]
+        return next((self.stages[s].output for s in by if self.stages[s] and self.stages[s].output), None)
+
+    def __repr__(self):
+        return "\n".join([f"ClosedLoop {self.name}".rstrip(), *(f"  {s:<15}{b!r}" for s, b in self.stages.items() if b)])
+
+
+# ---- the loop as text --------------------------------------------------------------------------------------------
+TEXT = '''
+def run(S, P, rec, dt, tau, m, every, n, k, stop, sample, row, line):
+    {load}
+    diverged = False
+    while k < stop:
+        t = k*dt
+        {measure}
+        if not ({inside}):
+            diverged = True
+            break
+        {when_sampled}
+            sample += m
+            {control}
+            {watch}
+        {disturb}
+        if k == row:
+            {record}
+            line += 1
+            row = min(row + every, n)
+            {restart}
+            if k == n:
+                k += 1
+                break
+        {sums}
+        {advance}
+        k += 1
+    {store}
+    return k, sample, row, line, diverged
+'''
+
+
+def _local(name, path=""):
+    """Local variable of a leaf: sigma, e_0, x_3."""
+    return name + path.replace("][", "_").replace("[", "_").replace("]", "")
+
+
+def _error(r, y, p="", q=""):
+    """Text of e = r - y; a reference without derivatives is piecewise constant, and its derivatives are zero."""
+    if y is None:
+        return f"{_local('r', p)} - {_local('y', q)}"
+    if r is None:
+        rest = "".join(f"-{_local('y', f'{q}[{i}]')}, " for i in range(1, len(y)))
+        return f"({_local('r', p)} - {_local('y', q + '[0]')}, {rest})"
+    return "(" + "".join(_error(r[i], v, f"{p}[{i}]", f"{q}[{i}]") + ", " for i, v in enumerate(y)) + ")"
+
+
+def _inside(name, s, meta):
+    """Text of the limits that the metadata of a signal declare."""
+    if isinstance(meta, tuple) and s is not None:
+        return [q for i, (v, m) in enumerate(zip(s, meta, strict=False)) for q in _inside(_local(name, f"[{i}]"), v, m)]
+    low, high = (meta.low, meta.high) if isinstance(meta, Param) and s is None else (-math.inf, math.inf)
+    return ([f"{name} >= {low!r}"] if low > -math.inf else []) + ([f"{name} <= {high!r}"] if high < math.inf else [])
+
+
+class _Writer:
+    """Writes the loop of a `ClosedLoop`, trying each line at t = 0 to learn the shapes of the signals.
+
+    Attributes: `source`; `functions`, the blocks by their name in it; `shapes` of the signals; `columns`, the leaves of
+    a recorded row; `state`, the locals that live from step to step, and `start`, those of them that blocks declare.
+    """
+
+    def __init__(self, loop, method, every_step, tau):
+        self.stages, self.functions, self.shapes = loop.stages, {}, {}
+        self.values = {"t": 0.0, "tau": tau, "dt": tau, "float": float}
+        params = {f"p_{s}_{i}": v for s, p in loop.p.items() for i, v in enumerate(p)}
+        self.x, self.z = loop.start()
+        self.shapes["x"] = (None,)*len(self.x)
+        self.values.update({**params, **self.x, **self.z})
+
+        parts = {"measure": self.written(self.measure), "control": self.written(self.control),
+                 "disturb": self.written(self.stage, "perturbation", "d"),
+                 "advance": self.written(self.advance, METHODS[method])}
+        names = {s: [_local(s, q) for q in leaves(self.shapes[s])] for s in self.shapes}
+        e, u, watched = names["e"], names["u"], names["sigma"] + names["u"]
+        self.columns = ["t", *(q for s in SIGNALS[1:] for q in names[s]), *self.x, *self.z,
+                        *(f"{b}_{q}" for q in watched for b in ("low", "high"))]
+        held = [q for s, _ in GIVES.values() for q in names[s]]
+        self.state = list(dict.fromkeys([
+            *self.x, *self.z, *held, *(f"{b}_{q}" for q in u for b in ("held", "last", "variation", "turns")),
+            *(f"{b}_{q}" for q in watched for b in ("low", "high")), *(f"sum_{q}" for q in e + u),
+            *(f"max_{q}" for q in e + watched)]))
+
+        limits = _inside("y", self.shapes["y"], loop.metadata("y"))
+        limits += [q for n, m in zip(self.x, loop.stages["plant"].states.values(), strict=True) for q in _inside(n, None, m)]
+        parts["inside"] = " and ".join([f"{' + '.join(f'abs({q})' for q in self.x)} <= {LIMIT!r}", *limits])
+        parts["when_sampled"] = "if True:" if every_step else "if k == sample:"
+        parts["watch"] = [line for q in u for line in (
+            f"step = {q} - held_{q}", "if step != 0.0:", f"    variation_{q} += abs(step)", f"    if step*last_{q} < 0.0:",
+            f"        turns_{q} += 1.0", f"    last_{q} = step", f"held_{q} = {q}")]
+        parts["watch"] += [f"{b}_{q} = {q} if {q} {'<>'[b == 'high']} {b}_{q} else {b}_{q}" for q in watched for b in ("low", "high")]
+        parts["watch"] += [f"max_{q} = abs({q}) if abs({q}) > max_{q} else max_{q}" for q in watched]
+        parts["sums"] = [f"sum_{q} += abs({q})" for q in e + u]
+        parts["sums"] += [f"max_{q} = abs({q}) if abs({q}) > max_{q} else max_{q}" for q in e]
+        parts["record"] = [f"rec[line, {i}] = {q}" for i, q in enumerate(self.columns)]
+        parts["restart"] = [f"low_{q} = high_{q} = {q}" for q in watched]
+        cast = {bool: "P[{}] != 0.0", int: "int(P[{}])", float: "P[{}]"}
+        kinds = [k for b in loop.stages.values() if b for k in b.kinds.values()]
+        parts["load"] = [f"{q} = {cast[k].format(i)}" for i, (q, k) in enumerate(zip(params, kinds, strict=True))]
+        parts["load"] += [f"{q} = S[{i}]" for i, q in enumerate(self.state)]
+        parts["store"] = [f"S[{i}] = {q}" for i, q in enumerate(self.state)]
+        self.source = "\n".join(self.filled(line, parts) for line in TEXT.strip().split("\n")) + "\n"
+
+    def filled(self, line, parts):
+        """A line of the template, with its part filled in at its depth."""
+        part = parts.get(line.strip().strip("{}"))
+        return line.format(**parts) if not isinstance(part, list) else "\n".join(
+            line[:len(line) - len(line.lstrip())] + q for q in part)
+
+    def written(self, write, *args):
+        """The lines that a method writes."""
+        self.lines = []
+        write(*args)
+        return self.lines
+
+    def write(self, line, where="", given=()):
+        """Append a line and try it; an error names the block, its line and what it was given."""
+        try:
+            exec(line, self.values)
+        except Exception as why:
+            said = ", ".join(f"{n} = {self.values_of(n)!r}" for n in given if n in self.shapes)
+            raise BlockError(f"{where} fails at t = 0{_place(why)}: {type(why).__name__}: {why}."
+                             + (f" It was given {said}" if said else "")) from why
+        self.lines.append(line)
+
+    def values_of(self, name):
+        """Value of a signal in the trial."""
+        return eval(self.text(name), self.values)
+
+    def text(self, name, channel=None, alias=None):
+        """Text of a signal, or of one channel of it."""
+        s = self.shapes[name] if channel is None else self.shapes[name][channel]
+        path = "" if channel is None else f"[{channel}]"
+        return text(s, (_local(alias or name, path + q) for q in leaves(s)))
+
+    def assign(self, name, source):
+        """Set the leaves of a signal from the text of an expression."""
+        self.write(f"out = {source}")
+        self.shapes[name] = shape(self.values["out"])
+        for q in leaves(self.shapes[name]):
+            self.write(f"{_local(name, q)} = float(out{q})")
+
+    def call(self, stage, alias):
+        """Call the block of a stage, channel by channel; return the text of its output."""
+        block, results, p, z = self.stages[stage], [], 0, 0
+        memory = ("z", "tau") if stage in GIVES else ()
+        many = isinstance(block, Channels)
+        for i, b in enumerate(block.parts.values() if many else (block,)):
+            where, name = f"{stage} '{b.name}'", f"{stage}_{b.name}" + f"_{i}"*many
+            if wrong := [n for n in b.signals if n not in ASKS[stage] + memory]:
+                raise BlockError(f"{where} asks for {', '.join(wrong)}; it may ask for {', '.join(ASKS[stage] + memory)}")
+            states = [f"z_{stage}_{z + j}" for j in range(len(b.states))] if memory else []
+            own = {"z": "(" + "".join(f"{q}, " for q in states) + ")", "tau": "tau", "t": alias.get("t", "t")}
+            try:
+                args = [own.get(n) or self.text(n, i if many and n != "x" else None, alias.get(n)) for n in b.signals]
+            except (TypeError, IndexError):
+                raise BlockError(f"{where}: a signal it asks for has no channel {i}: "
+                                 + ", ".join(f"{n} = {self.values_of(n)!r}" for n in b.signals if n in self.shapes)) from None
+            args += [f"p_{stage}_{p + j}" for j in range(len(b.params))]
+            self.functions[name] = self.values[name] = b.f
+            result = f"out_{stage}" + f"_{i}"*many
+            self.write(f"{result} = {name}({', '.join(args)})", where, b.signals)
+            self.check(where, self.values[result], b.states, stage)
+            for j, q in enumerate(states):
+                self.write(f"{q} = float({result}[1][{j}])")
+            results.append(f"{result}[0]" if states else result)
+            p, z = p + len(b.params), z + len(b.states)
+        return "(" + "".join(f"{q}, " for q in results) + ")" if many else results[0]
+
+    def check(self, where, got, states, stage):
+        """Raise `BlockError` unless a block returned what its stage needs."""
+        names = ", ".join(states)
+        if stage in GIVES and states:
+            if not (isinstance(got, tuple) and len(got) == 2 and shape(got[1]) == (None,)*len(states)):
+                raise BlockError(f"{where} must return (output, next z), next z a tuple of {len(states)} ({names}); it returned {got!r}")
+            got = got[0]
+        if stage == "plant" and shape(got) != (None,)*len(states):
+            raise BlockError(f"{where} must return dx/dt as a tuple of {len(states)} ({names}); it returned {got!r}")
+        if () == got or not all(isinstance(v, (float, int, np.number, np.bool_)) for v in flat(got)):
+            raise BlockError(f"{where} must return a float or a tuple of floats; it returned {got!r}")
+
+    def stage(self, stage, gives, passes=None, alias=None):
+        """One stage: `gives` = block(...), or the signal `passes`, or zero, where there is no block."""
+        if self.stages[stage]:
+            self.assign(gives, self.call(stage, alias or {}))
+        elif gives != passes:
+            self.assign(gives, self.text(passes) if passes else "0.0")
+
+    def measure(self):
+        """Reference, output and error."""
+        self.stage("reference", "r")
+        self.stage("output", "y", "x")
+        try:
+            self.assign("e", _error(self.shapes["r"], self.shapes["y"]))
+        except (BlockError, TypeError, IndexError):
+            raise BlockError("reference and output do not fit: e = r - y with "
+                             f"r = {self.values_of('r')!r}, y = {self.values_of('y')!r}") from None
+
+    def control(self):
+        """The sampled stages."""
+        for stage, (gives, passes) in GIVES.items():
+            self.stage(stage, gives, passes)
+
+    def advance(self, nodes):
+        """One Runge-Kutta step of the plant; u is held, the perturbation is not."""
+        n = range(len(self.x))
+        for j, (c, _) in enumerate(nodes):
+            alias = {}
+            if j:
+                alias = {"t": "t_node", "x": "h"}
+                self.write(f"t_node = t + {c!r}*dt")
+                for i in n:
+                    self.write(f"h_{i} = x_{i} + {c!r}*dt*rate_{j - 1}[{i}]")
+                self.stage("perturbation", "d", alias=alias)
+            self.write(f"rate_{j} = {self.call('plant', alias)}")
+        for i in n:
+            terms = [f"{w!r}*rate_{j}[{i}]" if w != 1.0 else f"rate_{j}[{i}]" for j, (_, w) in enumerate(nodes) if w]
+            self.write(f"x_{i} = x_{i} + dt*" + (f"({' + '.join(terms)})" if len(terms) > 1 else terms[0]))
+
+
+def _place(why):
+    """Line of the block in which an exception arose, in words."""
+    at = why.__traceback__
+    while at.tb_next:
+        at = at.tb_next
+    file, line = at.tb_frame.f_code.co_filename, at.tb_lineno
+    return f", line {line} ({linecache.getline(file, line).strip()})" if linecache.getline(file, line) else ""
+
+
+def _uncompilable(writer, why):
+    """The error that names the block, and its line, which numba cannot compile."""
+    from numba import njit, typeof
+    from numba.core.errors import NumbaError
+
+    for line in writer.source.split("\n"):
+        for name in writer.functions:
+            if f" = {name}(" in line:
+                args = eval(f"({line.split(f' = {name}(')[1][:-1]},)", writer.values)
+                try:
+                    njit(nogil=True, error_model="numpy")(compiled(writer.functions[name]).py_func).compile(tuple(map(typeof, args)))
+                except NumbaError as reason:
+                    found = re.findall(r'File "(.*?)", line (\d+)', str(reason))
+                    at = f", line {found[-1][1]} ({linecache.getline(found[-1][0], int(found[-1][1])).strip()})" if found else ""
+                    return BlockError(f"{name} cannot be compiled{at}: {_first(reason)}. A block may use floats, tuples, math and plain "
+                                      "functions; simulate(..., jit=False) runs it as plain Python")
+    return BlockError(f"the loop cannot be compiled: {_first(why)}")
+
+
+def _first(reason):
+    """What numba says, in one line."""
+    lines = [q.strip() for q in re.sub(r"\x1b\[\d*m", "", str(reason)).split("\n")]
+    return next((q for q in lines if q and not q.startswith(("Failed in", "-", "File"))), "numba gives no reason")
+
+
+_made = {}
+
+
+def _made_loop(loop, method, every_step, tau, jit):
+    """The loop for these blocks, from memory, from disk, or compiled now; and its writer."""
+    key = repr((method, every_step, [(s, b and b.content()) for s, b in loop.stages.items()]))
+    if (key, jit) not in _made:
+        writer = _Writer(loop, method, every_step, tau)
+        names = {n: compiled(f) if jit else f for n, f in writer.functions.items()}
+        names["__name__"] = __name__  # numba asks for it when it loads from disk
+        file = f"<loop {hashlib.sha256(writer.source.encode()).hexdigest()[:8]}>"
+        linecache.cache[file] = len(writer.source), None, writer.source.splitlines(True), file  # for debuggers
+        exec(compile(writer.source, file, "exec"), names)
+        f = names["run"]
+        if jit:
+            from numba import float64, int64, njit
+            from numba.core.errors import NumbaError
+
+            f = kept(njit(nogil=True, error_model="numpy", no_cfunc_wrapper=True)(f), key + writer.source)
+            try:
+                f.compile((float64[::1], float64[::1], float64[:, ::1], float64, float64, *[int64]*8))
+            except NumbaError as why:
+                raise _uncompilable(writer, why) from why
+        _made[key, jit] = f, writer
+    return _made[key, jit]
+
+
+# ---- runs --------------------------------------------------------------------------------------------------------
+def _named(states, arrays):
+    """States by name, those of channels by channel and name."""
+    return types.SimpleNamespace(**{k: _named(v, arrays) if isinstance(v, dict) else next(arrays) for k, v in states.items()})
+
+
+class Run:
+    """What a simulation gives; arrays with one value a recorded row, nested as the signals are.
+
+    Attributes
+    ----------
+    t : ndarray
+        Times of the rows [s].
+    r, y, e, e_hat, sigma, v, u, d : ndarray or nested tuple of ndarray
+        Signals of the pipeline; the sampled ones as held at that time.
+    x, z : namespace
+        Named states: ``run.x.theta``, ``run.z.law.lam``, ``run.z.law.attitude.rho``.
+    low, high : namespace
+        Least and greatest value of `sigma` and `u` since the row before: what chattering reaches between rows.
+    mean_e, mean_u : float or nested tuple
+        Means of \\|e\\|, \\|u\\| over all steps.
+    max_e, max_sigma, max_u, tail_e, tail_sigma, tail_u : float or nested tuple
+        Greatest absolute values over all steps, and over the tail (the last fifth unless told).
+    variation_u, tail_variation_u : float or nested tuple
+        Total variation of `u`, from rest, over the run; and in the tail.
+    tail_turns_u : float or nested tuple
+        Reversals of direction of `u` in the tail.
+    tail : float
+        Length of the tail [s].
+    diverged_at : float or None
+        Time at which a state or output was not finite or left the limits that its metadata declare [s].
+    steps : int
+        Steps done.
+    loop : ClosedLoop
+    """
+
+    metrics = metrics
+
+    def _repr_html_(self):
+        return self.metrics()._repr_html_()
+
+
+def _result(loop, writer, rec, S, before, k, k_tail, dt, diverged):
+    """The `Run` of what the loop left in its arrays."""
+    columns = dict(zip(writer.columns, rec.T, strict=True))
+    now = dict(zip(writer.state, S.tolist(), strict=True))
+
+    def signal(name, values, prefix=""):
+        s = writer.shapes[name]
+        names = iter([prefix + _local(name, q) for q in leaves(s)])
+        return nested(s, names, values)
+
+    def nested(s, names, values):
+        return values(next(names)) if s is None else tuple(nested(v, names, values) for v in s)
+
+    run = Run()
+    run.loop, run.steps, run.diverged_at, run.t = loop, k, k*dt if diverged else None, columns["t"]
+    for n in SIGNALS[1:]:
+        setattr(run, n, signal(n, columns.get))
+    run.low, run.high = (types.SimpleNamespace(**{n: signal(n, columns.get, f"{b}_") for n in ("sigma", "u")}) for b in ("low", "high"))
+    arrays = iter(columns[q] for q in (*writer.x, *writer.z))
+    run.x = _named(loop.stages["plant"].states, arrays)
+    run.z = types.SimpleNamespace(**{s: _named(loop.stages[s].states, arrays) for s in GIVES if loop.stages[s]})
+    for n in ("e", "u"):
+        setattr(run, f"mean_{n}", signal(n, lambda q: now[q]/max(k, 1), "sum_"))
+    for n in ("e", "sigma", "u"):
+        setattr(run, f"tail_{n}", signal(n, now.get, "max_"))
+        setattr(run, f"max_{n}", signal(n, lambda q: max(now[q], before[q]), "max_"))
+    run.tail = max(k - k_tail, 0)*dt
+    run.variation_u = signal("u", now.get, "variation_")
+    for n in ("variation", "turns"):
+        setattr(run, f"tail_{n}_u", signal("u", lambda q: now[q] - before[q], f"{n}_"))
+    return run
+
+
+def simulate(loop, duration=None, dt=None, tau=None, *, method="euler", record=2000, tail=0.2, jit=True, progress=None):
+    """Run a closed loop: the controller acts every `tau`, the plant is integrated with `dt`.
+
+    Parameters
+    ----------
+    loop : ClosedLoop
+    duration, dt, tau : float
+        Simulated time, integration step, sampling step (a multiple of `dt`; default `dt`) [s]; what the loop itself
+        says, where not given.
+    method : str
+        ``"euler"``, ``"midpoint"`` or ``"rk4"``.
+    record : int
+        About how many rows are kept, at least 1; sums, maxima and variations use every step all the same.
+    tail : float
+        Fraction of the run, at its end, over which the tail figures are taken.
+    jit : bool
+        False runs the same loop as plain Python: slow, for breakpoints in blocks.
+    progress : callable, optional
+        Called with the fraction done (0 to 1) at least every 50 ms of machine time or so; what it raises ends the run.
+
+    Returns
+    -------
+    Run
+        Its valid part, with `Run.diverged_at` set, if it diverged.
+
+    Raises
+    ------
+    ParameterError
+        A time, method or number of rows that is not allowed.
+    BlockError
+        A block that does not fit its stage, fails at t = 0 or cannot be compiled.
+
+    Notes
+    -----
+    Ctrl-C acts between two chunks of steps, about every 20 ms. The result does not depend on the chunks.
+    """
+    given = {n: getattr(loop, n) if v is None else v for n, v in (("duration", duration), ("dt", dt), ("tau", tau))}
+    for n in ("duration", "dt"):
+        if given[n] is None:
+            raise ParameterError(f"simulate: {n} [s] is not given, and the loop has none of its own")
+        given[n] = positive("simulate", n, given[n])
+    duration, dt = given["duration"], given["dt"]
+    tau = dt if given["tau"] is None else positive("simulate", "tau", given["tau"])
+    m, n = round(tau/dt), round(duration/dt)
+    if m < 1 or abs(m*dt - tau) > 1e-9*tau:
+        raise ParameterError(f"simulate: tau = {tau:g} s is not allowed; it must be a multiple of dt = {dt:g} s")
+    if duration < tau*(1 - 1e-9):
+        raise ParameterError(f"simulate: duration = {duration:g} s is not allowed; it must be at least tau = {tau:g} s")
+    if method not in METHODS:
+        raise ParameterError(f"simulate: method = {method!r} is not allowed; it must be one of {', '.join(METHODS)}")
+    record = Param(low=1).check("simulate", "record", record, int)
+    tail = Param(low=0.0, high=1.0).check("simulate", "tail", tail)
+
+    f, writer = _made_loop(loop, method, m == 1, m*dt, jit)
+    P = np.array([v for p in loop.p.values() for v in p], float)
+    x, z = loop.start()
+    start = {**x, **z}
+    S = np.array([start.get(q, 0.0) for q in writer.state])
+    every, k_tail = -(-n//record), n - round(n*tail)
+    rec = np.empty((-(-n//every) + 1, len(writer.columns)))
+    peaks = [i for i, q in enumerate(writer.state) if q.startswith("max_")]
+    before = dict.fromkeys(writer.state, 0.0)
+    k = sample = row = line = 0
+    chunk, diverged = 1000 if jit else 20, False
+    while k <= n and not diverged:
+        stop = min(k + chunk, k_tail if k < k_tail else n + 1)
+        began, at = time.perf_counter(), k
+        k, sample, row, line, diverged = f(S, P, rec, dt, m*dt, m, every, n, k, stop, sample, row, line)
+        if k == k_tail and at < k:
+            before = dict(zip(writer.state, S.tolist(), strict=True))
+            S[peaks] = 0.0
+        chunk = max(1, int(chunk*min(8.0, CHUNK/max(time.perf_counter() - began, 1e-6))))
+        if progress:
+            progress(min(k/n, 1.0))
+    return _result(loop, writer, rec[:line], S, before, min(k, n), k_tail, dt, diverged)

@@ -1,0 +1,99 @@
+"""Figures of merit of a run."""
+
+import math
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from .signal import flat, shape
+
+__all__ = ["Metrics", "metrics", "reaching_time"]
+
+
+def heads(s):
+    """The outputs themselves, without their derivatives, of each channel of a signal, as a list."""
+    if not isinstance(s, tuple):
+        return [s]
+    return [s[0]] if all(v is None for v in shape(s)) else [h for v in s for h in heads(v)]
+
+
+@dataclass(frozen=True)
+class Metrics:
+    """Figures of merit of a run; made by `Run.metrics`. With several channels each is a tuple, one value a channel.
+
+    Attributes
+    ----------
+    J_e : float
+        Mean absolute error, (1/T) int \\|e\\| dt: paper eq (73).
+    J_u : float
+        Mean absolute control, (1/T) int \\|u\\| dt: paper eq (74).
+    max_u : float
+        Greatest \\|u\\|.
+    tail_e, tail_sigma : float
+        Greatest \\|e\\|, \\|sigma\\| in the tail of the run (its last fifth, unless `simulate` was told otherwise).
+    reaching_time : float
+        Time after which \\|sigma\\| stays below twice its tail value [s].
+    variation_u : float
+        Chattering: total variation of u per second in the tail.
+    turns_u : float
+        Chattering: reversals of direction of u per second in the tail; for a relay, its switchings.
+    diverged_at : float or None
+        Time of divergence [s]; the other figures then hold for the valid part only.
+    """
+
+    J_e: float
+    J_u: float
+    max_u: float
+    tail_e: float
+    tail_sigma: float
+    reaching_time: float
+    variation_u: float
+    turns_u: float
+    diverged_at: float | None
+
+    def rows(self):
+        """(name, value, unit) of each figure, formatted; no row for a divergence that did not happen."""
+        units = {"reaching_time": "s", "variation_u": "1/s", "turns_u": "1/s", "diverged_at": "s"}
+        return [(f.name, ", ".join(f"{q:.4g}" for q in (v if isinstance(v, tuple) else (v,))), units.get(f.name, ""))
+                for f in fields(self) if (v := getattr(self, f.name)) is not None]
+
+    def __str__(self):
+        return "   ".join(f"{n} = {v} {unit}".rstrip() for n, v, unit in self.rows())
+
+    def _repr_html_(self):
+        head, body = zip(*((f"{n} [{unit}]" if unit else n, v) for n, v, unit in self.rows()), strict=True)
+        return "<table><tr><th>" + "</th><th>".join(head) + "</th></tr><tr><td>" + "</td><td>".join(body) + "</td></tr></table>"
+
+
+def reaching_time(run, band=None):
+    """Time after which \\|sigma\\| stays within `band`, channel by channel.
+
+    Parameters
+    ----------
+    run : Run
+    band : float, optional
+        In the unit of sigma; default: twice the greatest \\|sigma\\| of the tail.
+
+    Returns
+    -------
+    list of float
+        [s], resolved to one recorded row; infinite if \\|sigma\\| is outside at the end, or the run diverged.
+    """
+    times = []
+    for low, high, tail in zip(heads(run.low.sigma), heads(run.high.sigma), heads(run.tail_sigma), strict=True):
+        outside = np.flatnonzero(np.maximum(np.abs(low), np.abs(high)) > (2*tail if band is None else band))
+        last = outside[-1] if len(outside) else -1
+        times.append(math.inf if run.diverged_at is not None or last == len(run.t) - 1 else float(run.t[last + 1 if len(outside) else 0]))
+    return times
+
+
+def metrics(run):
+    """Figures of merit of the run, as `Metrics`."""
+    def one(values):
+        return values[0] if len(values) == 1 else tuple(values)
+
+    tail = run.tail or math.nan
+    return Metrics(J_e=one(heads(run.mean_e)), J_u=one(flat(run.mean_u)), max_u=one(flat(run.max_u)), tail_e=one(heads(run.tail_e)),
+                   tail_sigma=one(heads(run.tail_sigma)), reaching_time=one(reaching_time(run)),
+                   variation_u=one([v/tail for v in flat(run.tail_variation_u)]),
+                   turns_u=one([v/tail for v in flat(run.tail_turns_u)]), diverged_at=run.diverged_at)

@@ -1,0 +1,7 @@
+"""Launch vehicle in ascent: the paper's second case study, eqs (7), (60)-(74), Table 3."""
+
+from .plant import gimbal, gimbal_to_control, launcher, launcher_with_drift, misalignment, pitch, pitch_and_acceleration, steps
+from .scenario import PRESETS, loop, transfer_function
+
+__all__ = ["PRESETS", "gimbal", "gimbal_to_control", "launcher", "launcher_with_drift", "loop", "misalignment", "pitch",
+           "pitch_and_acceleration", "steps", "transfer_function"]

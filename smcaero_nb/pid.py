@@ -1,0 +1,75 @@
+"""PD and PID control: the baseline that sliding mode laws are compared with."""
+
+from typing import Annotated
+
+from .core import Param, block
+from .core.signal import first
+
+__all__ = ["pd", "pid"]
+
+K_P = Param("k_p", "[v]/[e]", low=0.0, help="proportional gain", slider=(0.0, 10.0))
+K_D = Param("k_d", "[v] s/[e]", low=0.0, help="derivative gain", slider=(0.0, 10.0))
+
+
+@block
+def pd(e, k_p: Annotated[float, K_P] = 1.0, k_d: Annotated[float, K_D] = 1.0) -> Param("v"):
+    r"""Proportional-derivative control.
+
+    .. math:: v = k_p\,e + k_d\,\dot e
+
+    Parameters
+    ----------
+    e : tuple of float
+        Error and its derivative.
+    k_p, k_d : float
+        Gains.
+
+    Returns
+    -------
+    float
+        v.
+
+    Notes
+    -----
+    A constant perturbation leaves a constant error.
+
+    References
+    ----------
+    Paper eq (66).
+    """
+    return k_p*e[0] + k_d*e[1]
+
+
+@block(state=dict(integral=(0.0, Param(r"\int e", "[e] s", help="integral to start with", slider=(-1.0, 1.0)))))
+def pid(r, y, z, tau, k_p: Annotated[float, K_P] = 1.0,
+        k_i: Annotated[float, Param("k_i", "[v]/([e] s)", low=0.0, help="integral gain", slider=(0.0, 10.0))] = 0.1,
+        k_d: Annotated[float, K_D] = 1.0) -> Param("v"):
+    r"""Proportional-integral-derivative control, the derivative taken from the measurement.
+
+    .. math:: v = k_p\,e + k_i \int e\,dt - k_d\,\dot y, \qquad e = r - y
+
+    Parameters
+    ----------
+    r : float or tuple of float
+        Reference; its derivatives are not used, so that a step gives no kick.
+    y : tuple of float
+        Output and its derivative.
+    k_p, k_i, k_d : float
+        Gains.
+
+    Returns
+    -------
+    float
+        v.
+
+    Notes
+    -----
+    The integral knows nothing of a saturated actuator and winds up behind one.
+
+    References
+    ----------
+    K. J. Astrom and T. Hagglund, PID Controllers, ISA, 1995. Paper eq (57) for the lander.
+    """
+    integral, = z
+    e = first(r) - y[0]
+    return k_p*e + k_i*integral - k_d*y[1], (integral + tau*e,)

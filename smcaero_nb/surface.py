@@ -1,0 +1,202 @@
+"""Sliding variables: sigma = 0 is the wanted motion of the error.
+
+For relative degree r, sigma = e^(r-1) + c_(r-2) e^(r-2) + ... + c_0 e + c_-1 int e, paper eq (9).
+"""
+
+from typing import Annotated
+
+import numpy as np
+
+from .core import Param, ParameterError, block
+from .core.param import positive
+from .core.signal import first
+
+__all__ = ["coefficients", "itae", "polynomial"]
+
+#: s^p + ... + 1, coefficients of descending powers after the first: minimal integral of time times absolute error.
+#: classical: D. Graham and R. C. Lathrop, AIEE Trans. 72 (1953) 273; optimal: the same criterion, recomputed.
+TABLES = {
+    "classical": {1: (1.0,), 2: (1.4, 1.0), 3: (1.75, 2.15, 1.0), 4: (2.1, 3.4, 2.7, 1.0), 5: (2.8, 5.0, 5.5, 3.4, 1.0),
+                  6: (3.25, 6.6, 8.6, 7.45, 3.95, 1.0)},
+    "optimal": {1: (1.0,), 2: (1.505, 1.0), 3: (1.782, 2.170, 1.0), 4: (1.951, 3.344, 2.647, 1.0),
+                5: (2.064, 4.494, 4.669, 3.255, 1.0)},
+}
+#: Settling time (2 %, unit step, zero initial derivatives) times frequency of these polynomials.
+SETTLING = {
+    "classical": {1: 3.915, 2: 5.980, 3: 7.545, 4: 4.515, 5: 6.685, 6: 7.815},
+    "optimal": {1: 3.915, 2: 5.720, 3: 7.360, 4: 4.430, 5: 4.980},
+}
+
+
+def _degree(r, integral):
+    r = Param(low=1, high=6).check("surface", "r", r, int)
+    return r, r - 1 + Param().check("surface", "integral", integral, bool)
+
+
+def _chosen(degree, table, rule):
+    """ITAE polynomial of that degree (descending, after the leading 1) and the product settling time times frequency."""
+    if table not in TABLES or degree not in TABLES[table]:
+        allowed = ", ".join(f"'{t}' up to {max(c)}" for t, c in TABLES.items())
+        raise ParameterError(f"surface: table = {table!r} has no polynomial of degree {degree}; there are {allowed}")
+    if rule not in ("paper", "settling"):
+        raise ParameterError(f"surface: rule = {rule!r} is not allowed; it must be 'paper' (w = 10/t_s) or 'settling' (the measured 2 % settling)")
+    return TABLES[table][degree], 10.0 if rule == "paper" else SETTLING[table][degree]
+
+
+def coefficients(r, settling_time, integral=True, table="classical", rule="paper"):
+    r"""Coefficients of a sliding variable from the wanted settling time.
+
+    The polynomial of :math:`\\sigma = 0` is the ITAE polynomial of degree r - 1 (r with the integral), its frequency
+    :math:`\\omega = 10/t_s` (``rule="paper"``) or that which settles to 2 % in t_s (``rule="settling"``).
+
+    Parameters
+    ----------
+    r : int
+        Relative degree, 1 to 6.
+    settling_time : float
+        t_s [s], larger than 0.
+    integral : bool
+        With the integral term (integral sliding mode).
+    table : str
+        ``"classical"`` (Graham and Lathrop) or ``"optimal"`` (recomputed; up to degree 5).
+    rule : str
+        ``"paper"`` or ``"settling"``.
+
+    Returns
+    -------
+    tuple of float
+        :math:`(c_{r-2}, ..., c_0, c_{-1})`, the last only with the integral; [1/s], [1/s^2], ...
+
+    Raises
+    ------
+    ParameterError
+        A degree that the table lacks, or another value that is not allowed.
+
+    Notes
+    -----
+    The paper's own designs (48), (49), (69) all follow w = 10/t_s. Erratum: eq (9) prints the coefficient of the
+    integral as c_(-i,1); it is c_(i,-1).
+
+    References
+    ----------
+    Paper eq (9). D. Graham and R. C. Lathrop, AIEE Trans. 72 (1953) 273.
+
+    Examples
+    --------
+    >>> coefficients(2, 8.0)
+    (1.75, 1.5625)
+    """
+    r, degree = _degree(r, integral)
+    if degree == 0:
+        return ()
+    c, product = _chosen(degree, table, rule)
+    w = product/positive("surface", "settling_time", settling_time)
+    return tuple(a*w**(k + 1) for k, a in enumerate(c))
+
+
+def _written(name, doc, arguments, first_line, c, r, integral, derivative, **names):
+    """The block sigma = sum of c_i e^(i), with the texts of the coefficients; ascending from the integral on."""
+    def combined(shift):
+        es = ["first(e)" if i == 0 else f"e[{i}]" for i in range(shift, r + shift)]
+        terms = [f"{q}{e}" for q, e in zip(c[integral:], es, strict=True)][::-1]
+        return " + ".join(terms + [c[0] + ("first(e)" if shift else "integral")]*integral)
+
+    sigma = f"({combined(0)}, {combined(1)})" if derivative else combined(0)
+    signals = "e, z, tau" if integral else "e"
+    body = f"    {first_line}\n" if first_line else ""
+    body += f"    integral, = z\n    return {sigma}, (integral + tau*first(e),)" if integral else f"    return {sigma}"
+    names.update(first=first, __name__=__name__)
+    exec(f"def {name}({', '.join([signals, *arguments])}):\n{body}", names)
+    f = names[name]
+    f.__doc__ = doc
+    f.__annotations__["return"] = (Param(r"\sigma"), Param(r"\dot\sigma")) if derivative else Param(r"\sigma")
+    state = dict(integral=(0.0, Param(r"\int e", "[e] s", help="integral to start with", slider=(-1.0, 1.0))))
+    return block(state=state if integral else None)(f)
+
+
+def _equation(c, r, integral):
+    """The sliding variable in LaTeX, from the texts of its coefficients, descending."""
+    def e(i):
+        return r"\int e\,dt" if i < 0 else ("e", r"\dot e", r"\ddot e")[i] if i < 3 else f"e^{{({i})}}"
+    return " + ".join([e(r - 1)] + [f"{q}\\,{e(r - 2 - i)}" for i, q in enumerate(c)])
+
+
+def itae(r, settling_time=8.0, integral=True, table="classical", rule="paper", derivative=False):
+    r"""Sliding variable from relative degree and settling time: a block with parameter `settling_time`.
+
+    .. math:: \sigma = e^{(r-1)} + c_{r-2} e^{(r-2)} + ... + c_0 e + c_{-1} \int e\,dt
+
+    Parameters
+    ----------
+    r, settling_time, integral, table, rule
+        As in `coefficients`.
+    derivative : bool
+        Give (sigma, sigma'), as twisting needs; the error must then come with r derivatives instead of r - 1.
+
+    Returns
+    -------
+    Block
+        A surface for `ClosedLoop`, with parameter `settling_time` [s].
+
+    Raises
+    ------
+    ParameterError
+        A degree that the table lacks, or another value that is not allowed.
+
+    References
+    ----------
+    Paper eq (9). D. Graham and R. C. Lathrop, AIEE Trans. 72 (1953) 273.
+    """
+    r, degree = _degree(r, integral)
+    c, product = _chosen(degree, table, rule) if degree else ((), 0.0)
+    said = [(f"{a:g}" if a != 1.0 else "") + r"\omega" + (f"^{k + 1}" if k else "") for k, a in enumerate(c)]
+    doc = (f"ITAE sliding variable, relative degree {r}.\n\n.. math:: \\sigma = {_equation(said, r, integral)}"
+           + (f", \\qquad \\omega = {product:g}/t_s" if degree else "") + "\n\nThe error settles as the ITAE polynomial of the "
+           f"{table} table does, in about `settling_time`.\n\nPaper eq (9); Graham and Lathrop 1953.")
+    meta = Annotated[float, Param("t_s", "s", low=1e-6, log=True, help="settling time of the error while sigma = 0", slider=(0.5, 50.0))]
+    texts = [f"{a!r}" + "*w"*(k + 1) + "*" for k, a in enumerate(c)][::-1] + [""]
+    arguments = [f"settling_time: meta = {settling_time!r}"] if degree else []
+    return _written("itae", doc, arguments, f"w = {product!r}/settling_time" if degree else "", texts, r, integral, derivative, meta=meta)
+
+
+def polynomial(c, integral=True, derivative=False):
+    r"""Sliding variable with given coefficients: a block with these as parameters.
+
+    .. math:: \sigma = e^{(r-1)} + c_{r-2} e^{(r-2)} + ... + c_0 e + c_{-1} \int e\,dt
+
+    Parameters
+    ----------
+    c : sequence of float
+        :math:`(c_{r-2}, ..., c_0, c_{-1})`, the last only with the integral.
+    integral : bool
+        Whether the last coefficient belongs to the integral.
+    derivative : bool
+        Give (sigma, sigma').
+
+    Returns
+    -------
+    Block
+        A surface for `ClosedLoop`, with parameters `c_1`, `c_0`, ..., `c_int`.
+
+    Raises
+    ------
+    ParameterError
+        The polynomial is not Hurwitz: on sigma = 0 the error would not go to zero.
+
+    References
+    ----------
+    Paper eq (9).
+    """
+    c = [Param().check("surface", f"c[{i}]", v) for i, v in enumerate(c)]
+    r, _ = _degree(len(c) + 1 - integral, integral)
+    if any(np.roots([1.0, *c]).real >= 0.0):
+        raise ParameterError(f"surface: c = {tuple(c)} is not allowed; s^{len(c)} + c_1 s^{len(c) - 1} + ... must be Hurwitz, but it has "
+                             f"the roots {', '.join(f'{q:.3g}' for q in np.roots([1.0, *c]))}")
+    names = [f"c_{i}" for i in range(r - 2, -1, -1)] + ["c_int"]*integral
+    symbols = [f"c_{{{i}}}" for i in range(r - 2, -1 - integral, -1)]
+    metas = {f"A{i}": Annotated[float, Param(q, f"1/s^{i + 1}" if i else "1/s", low=0.0, help="coefficient of the sliding variable",
+                                             slider=(0.0, max(10.0, 4*v)))] for i, (q, v) in enumerate(zip(symbols, c, strict=True))}
+    arguments = [f"{n}: A{i} = {v!r}" for i, (n, v) in enumerate(zip(names, c, strict=True))]
+    doc = (f"Sliding variable, relative degree {r}.\n\n.. math:: \\sigma = {_equation(symbols, r, integral)}\n\n"
+           "While sigma = 0 the error follows this polynomial.\n\nPaper eq (9).")
+    return _written("polynomial", doc, arguments, "", [f"{n}*" for n in names][::-1] + [""], r, integral, derivative, **metas)
