@@ -1,2 +1,21 @@
+"""Sliding mode control for aerospace: a teaching and analysis kit.
+
+``import smcaero_nb as smc`` gives the engine (`block`, `Param`, `channels`, `ClosedLoop`, `simulate`), the laws
+(`smc1`, `smc2`, `pid`), the design of sliding variables (`surface`), the launch vehicle (`lv`), and the masks and
+plots (`ui`, loaded when it is first used).
+"""
+
+import importlib
+
 from . import lv, pid, smc1, smc2, surface
-from .core import *
+from .core import Block, BlockError, Channels, ClosedLoop, Metrics, Param, ParameterError, Run, block, channels, simulate
+
+__all__ = ["Block", "BlockError", "Channels", "ClosedLoop", "Metrics", "Param", "ParameterError", "Run", "block", "channels",
+           "lv", "pid", "simulate", "smc1", "smc2", "surface"]
+__version__ = "0.1.0"
+
+
+def __getattr__(name):
+    if name == "ui":  # plotly and ipywidgets take a second to load
+        return importlib.import_module(".ui", __name__)
+    raise AttributeError(f"module 'smcaero_nb' has no attribute {name!r}")

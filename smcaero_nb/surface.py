@@ -39,7 +39,8 @@ def _chosen(degree, table, rule):
         allowed = ", ".join(f"'{t}' up to {max(c)}" for t, c in TABLES.items())
         raise ParameterError(f"surface: table = {table!r} has no polynomial of degree {degree}; there are {allowed}")
     if rule not in ("paper", "settling"):
-        raise ParameterError(f"surface: rule = {rule!r} is not allowed; it must be 'paper' (w = 10/t_s) or 'settling' (the measured 2 % settling)")
+        raise ParameterError(f"surface: rule = {rule!r} is not allowed; it must be 'paper' (w = 10/t_s) or 'settling' "
+                             "(the measured 2 % settling)")
     return TABLES[table][degree], 10.0 if rule == "paper" else SETTLING[table][degree]
 
 
@@ -153,10 +154,12 @@ def itae(r, settling_time=8.0, integral=True, table="classical", rule="paper", d
     doc = (f"ITAE sliding variable, relative degree {r}.\n\n.. math:: \\sigma = {_equation(said, r, integral)}"
            + (f", \\qquad \\omega = {product:g}/t_s" if degree else "") + "\n\nThe error settles as the ITAE polynomial of the "
            f"{table} table does, in about `settling_time`.\n\nPaper eq (9); Graham and Lathrop 1953.")
-    meta = Annotated[float, Param("t_s", "s", low=1e-6, log=True, help="settling time of the error while sigma = 0", slider=(0.5, 50.0))]
+    meta = Annotated[float, Param("t_s", "s", low=1e-6, log=True, help="settling time of the error while sigma = 0",
+                                  slider=(0.5, 50.0))]
     texts = [f"{a!r}" + "*w"*(k + 1) + "*" for k, a in enumerate(c)][::-1] + [""]
     arguments = [f"settling_time: meta = {settling_time!r}"] if degree else []
-    return _written("itae", doc, arguments, f"w = {product!r}/settling_time" if degree else "", texts, r, integral, derivative, meta=meta)
+    frequency = f"w = {product!r}/settling_time" if degree else ""
+    return _written("itae", doc, arguments, frequency, texts, r, integral, derivative, meta=meta)
 
 
 def polynomial(c, integral=True, derivative=False):
@@ -190,12 +193,13 @@ def polynomial(c, integral=True, derivative=False):
     c = [Param().check("surface", f"c[{i}]", v) for i, v in enumerate(c)]
     r, _ = _degree(len(c) + 1 - integral, integral)
     if any(np.roots([1.0, *c]).real >= 0.0):
-        raise ParameterError(f"surface: c = {tuple(c)} is not allowed; s^{len(c)} + c_1 s^{len(c) - 1} + ... must be Hurwitz, but it has "
-                             f"the roots {', '.join(f'{q:.3g}' for q in np.roots([1.0, *c]))}")
+        raise ParameterError(f"surface: c = {tuple(c)} is not allowed; the polynomial with 1 before them must be Hurwitz, but it "
+                             f"has the roots {', '.join(f'{q:.3g}' for q in np.roots([1.0, *c]))}")
     names = [f"c_{i}" for i in range(r - 2, -1, -1)] + ["c_int"]*integral
     symbols = [f"c_{{{i}}}" for i in range(r - 2, -1 - integral, -1)]
-    metas = {f"A{i}": Annotated[float, Param(q, f"1/s^{i + 1}" if i else "1/s", low=0.0, help="coefficient of the sliding variable",
-                                             slider=(0.0, max(10.0, 4*v)))] for i, (q, v) in enumerate(zip(symbols, c, strict=True))}
+    metas = {f"A{i}": Annotated[float, Param(q, f"1/s^{i + 1}" if i else "1/s", low=0.0, slider=(0.0, max(10.0, 4*v)),
+                                             help="coefficient of the sliding variable")]
+             for i, (q, v) in enumerate(zip(symbols, c, strict=True))}
     arguments = [f"{n}: A{i} = {v!r}" for i, (n, v) in enumerate(zip(names, c, strict=True))]
     doc = (f"Sliding variable, relative degree {r}.\n\n.. math:: \\sigma = {_equation(symbols, r, integral)}\n\n"
            "While sigma = 0 the error follows this polynomial.\n\nPaper eq (9).")

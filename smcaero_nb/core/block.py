@@ -138,7 +138,7 @@ def routed(owner, parts, changes):
 
 
 def block(f=None, *, state=None):
-    """Make a block of a plain function.
+    r"""Make a block of a plain function.
 
     Parameters
     ----------
@@ -162,7 +162,7 @@ def block(f=None, *, state=None):
     Examples
     --------
     >>> @block
-    ... def sign_law(sigma, rho: Annotated[float, Param(r"\\rho", "[v]", low=0.0)] = 1.0):
+    ... def sign_law(sigma, rho: Annotated[float, Param(r"\rho", "[v]", low=0.0)] = 1.0):
     ...     return rho*((sigma > 0.0) - (sigma < 0.0))
     """
     return Block(f, state or {}) if f else lambda g: Block(g, state or {})

@@ -150,9 +150,16 @@ class _Disk:
 
 
 def kept(dispatcher, key):
-    """Let the numba function `dispatcher` keep its compiled code on disk under `key`; without numba's internals, do without."""
-    if not hasattr(dispatcher, "_cache"):
-        _once("smcaero_nb: this version of numba keeps its cache elsewhere; compiled code is not kept on disk")
-    else:
+    """Let a numba function keep its compiled code on disk under `key`; where numba's internals have changed, do without."""
+    try:
+        from numba.core.compiler import CompileResult
+        from numba.core.serialize import dumps
+
+        known = hasattr(dispatcher, "_cache") and hasattr(CompileResult, "_rebuild") and hasattr(CompileResult, "_reduce") and dumps
+    except ImportError:
+        known = False
+    if known:
         dispatcher._cache = _Disk(key)
+    else:
+        _once("smcaero_nb: this version of numba keeps compiled code in another way; it is compiled anew in every process")
     return dispatcher

@@ -118,7 +118,7 @@ def run(S, P, rec, dt, tau, m, every, n, k, stop, sample, row, line):
         if not ({inside}):
             diverged = True
             break
-        {when_sampled}
+        if k == sample:
             sample += m
             {control}
             {watch}
@@ -165,11 +165,11 @@ def _inside(name, s, meta):
 class _Writer:
     """Writes the loop of a `ClosedLoop`, trying each line at t = 0 to learn the shapes of the signals.
 
-    Attributes: `source`; `functions`, the blocks by their name in it; `shapes` of the signals; `columns`, the leaves of
+    Attributes: `source`; `functions`, {name in it: (function, what it is)}; `shapes` of the signals; `columns`, the leaves of
     a recorded row; `state`, the locals that live from step to step, and `start`, those of them that blocks declare.
     """
 
-    def __init__(self, loop, method, every_step, tau):
+    def __init__(self, loop, method, tau):
         self.stages, self.functions, self.shapes = loop.stages, {}, {}
         self.values = {"t": 0.0, "tau": tau, "dt": tau, "float": float}
         params = {f"p_{s}_{i}": v for s, p in loop.p.items() for i, v in enumerate(p)}
@@ -193,11 +193,11 @@ class _Writer:
         limits = _inside("y", self.shapes["y"], loop.metadata("y"))
         limits += [q for n, m in zip(self.x, loop.stages["plant"].states.values(), strict=True) for q in _inside(n, None, m)]
         parts["inside"] = " and ".join([f"{' + '.join(f'abs({q})' for q in self.x)} <= {LIMIT!r}", *limits])
-        parts["when_sampled"] = "if True:" if every_step else "if k == sample:"
         parts["watch"] = [line for q in u for line in (
             f"step = {q} - held_{q}", "if step != 0.0:", f"    variation_{q} += abs(step)", f"    if step*last_{q} < 0.0:",
             f"        turns_{q} += 1.0", f"    last_{q} = step", f"held_{q} = {q}")]
-        parts["watch"] += [f"{b}_{q} = {q} if {q} {'<>'[b == 'high']} {b}_{q} else {b}_{q}" for q in watched for b in ("low", "high")]
+        parts["watch"] += [f"{b}_{q} = {q} if {q} {than} {b}_{q} else {b}_{q}"
+                           for q in watched for b, than in (("low", "<"), ("high", ">"))]
         parts["watch"] += [f"max_{q} = abs({q}) if abs({q}) > max_{q} else max_{q}" for q in watched]
         parts["sums"] = [f"sum_{q} += abs({q})" for q in e + u]
         parts["sums"] += [f"max_{q} = abs({q}) if abs({q}) > max_{q} else max_{q}" for q in e]
@@ -266,7 +266,7 @@ class _Writer:
                 raise BlockError(f"{where}: a signal it asks for has no channel {i}: "
                                  + ", ".join(f"{n} = {self.values_of(n)!r}" for n in b.signals if n in self.shapes)) from None
             args += [f"p_{stage}_{p + j}" for j in range(len(b.params))]
-            self.functions[name] = self.values[name] = b.f
+            self.functions[name], self.values[name] = (b.f, where), b.f
             result = f"out_{stage}" + f"_{i}"*many
             self.write(f"{result} = {name}({', '.join(args)})", where, b.signals)
             self.check(where, self.values[result], b.states, stage)
@@ -281,11 +281,12 @@ class _Writer:
         names = ", ".join(states)
         if stage in GIVES and states:
             if not (isinstance(got, tuple) and len(got) == 2 and shape(got[1]) == (None,)*len(states)):
-                raise BlockError(f"{where} must return (output, next z), next z a tuple of {len(states)} ({names}); it returned {got!r}")
+                raise BlockError(f"{where} must return (output, next z), next z a tuple of {len(states)} ({names}); "
+                                 f"it returned {got!r}")
             got = got[0]
         if stage == "plant" and shape(got) != (None,)*len(states):
             raise BlockError(f"{where} must return dx/dt as a tuple of {len(states)} ({names}); it returned {got!r}")
-        if () == got or not all(isinstance(v, (float, int, np.number, np.bool_)) for v in flat(got)):
+        if (isinstance(got, tuple) and not got) or not all(isinstance(v, (float, int, np.number, np.bool_)) for v in flat(got)):
             raise BlockError(f"{where} must return a float or a tuple of floats; it returned {got!r}")
 
     def stage(self, stage, gives, passes=None, alias=None):
@@ -342,16 +343,18 @@ def _uncompilable(writer, why):
     from numba.core.errors import NumbaError
 
     for line in writer.source.split("\n"):
-        for name in writer.functions:
+        for name, (f, where) in writer.functions.items():
             if f" = {name}(" in line:
                 args = eval(f"({line.split(f' = {name}(')[1][:-1]},)", writer.values)
                 try:
-                    njit(nogil=True, error_model="numpy")(compiled(writer.functions[name]).py_func).compile(tuple(map(typeof, args)))
+                    alone = compiled(f).py_func
+                    njit(nogil=True, error_model="numpy")(alone).compile(tuple(map(typeof, args)))
                 except NumbaError as reason:
                     found = re.findall(r'File "(.*?)", line (\d+)', str(reason))
-                    at = f", line {found[-1][1]} ({linecache.getline(found[-1][0], int(found[-1][1])).strip()})" if found else ""
-                    return BlockError(f"{name} cannot be compiled{at}: {_first(reason)}. A block may use floats, tuples, math and plain "
-                                      "functions; simulate(..., jit=False) runs it as plain Python")
+                    file, number = found[-1] if found else ("", 0)
+                    at = f", line {number} ({linecache.getline(file, int(number)).strip()})" if found else ""
+                    return BlockError(f"{where} cannot be compiled{at}: {_first(reason)}. A block may use floats, tuples, math and "
+                                      "plain functions; simulate(..., jit=False) runs it as plain Python")
     return BlockError(f"the loop cannot be compiled: {_first(why)}")
 
 
@@ -364,12 +367,12 @@ def _first(reason):
 _made = {}
 
 
-def _made_loop(loop, method, every_step, tau, jit):
+def _made_loop(loop, method, tau, jit):
     """The loop for these blocks, from memory, from disk, or compiled now; and its writer."""
-    key = repr((method, every_step, [(s, b and b.content()) for s, b in loop.stages.items()]))
+    key = repr((method, [(s, b and b.content()) for s, b in loop.stages.items()]))
     if (key, jit) not in _made:
-        writer = _Writer(loop, method, every_step, tau)
-        names = {n: compiled(f) if jit else f for n, f in writer.functions.items()}
+        writer = _Writer(loop, method, tau)
+        names = {n: compiled(f) if jit else f for n, (f, _) in writer.functions.items()}
         names["__name__"] = __name__  # numba asks for it when it loads from disk
         file = f"<loop {hashlib.sha256(writer.source.encode()).hexdigest()[:8]}>"
         linecache.cache[file] = len(writer.source), None, writer.source.splitlines(True), file  # for debuggers
@@ -395,7 +398,7 @@ def _named(states, arrays):
 
 
 class Run:
-    """What a simulation gives; arrays with one value a recorded row, nested as the signals are.
+    r"""What a simulation gives; arrays with one value a recorded row, nested as the signals are.
 
     Attributes
     ----------
@@ -408,7 +411,7 @@ class Run:
     low, high : namespace
         Least and greatest value of `sigma` and `u` since the row before: what chattering reaches between rows.
     mean_e, mean_u : float or nested tuple
-        Means of \\|e\\|, \\|u\\| over all steps.
+        Means of \|e\|, \|u\| over all steps.
     max_e, max_sigma, max_u, tail_e, tail_sigma, tail_u : float or nested tuple
         Greatest absolute values over all steps, and over the tail (the last fifth unless told).
     variation_u, tail_variation_u : float or nested tuple
@@ -447,7 +450,8 @@ def _result(loop, writer, rec, S, before, k, k_tail, dt, diverged):
     run.loop, run.steps, run.diverged_at, run.t = loop, k, k*dt if diverged else None, columns["t"]
     for n in SIGNALS[1:]:
         setattr(run, n, signal(n, columns.get))
-    run.low, run.high = (types.SimpleNamespace(**{n: signal(n, columns.get, f"{b}_") for n in ("sigma", "u")}) for b in ("low", "high"))
+    for b in ("low", "high"):
+        setattr(run, b, types.SimpleNamespace(**{n: signal(n, columns.get, f"{b}_") for n in ("sigma", "u")}))
     arrays = iter(columns[q] for q in (*writer.x, *writer.z))
     run.x = _named(loop.stages["plant"].states, arrays)
     run.z = types.SimpleNamespace(**{s: _named(loop.stages[s].states, arrays) for s in GIVES if loop.stages[s]})
@@ -516,7 +520,7 @@ def simulate(loop, duration=None, dt=None, tau=None, *, method="euler", record=2
     record = Param(low=1).check("simulate", "record", record, int)
     tail = Param(low=0.0, high=1.0).check("simulate", "tail", tail)
 
-    f, writer = _made_loop(loop, method, m == 1, m*dt, jit)
+    f, writer = _made_loop(loop, method, m*dt, jit)
     P = np.array([v for p in loop.p.values() for v in p], float)
     x, z = loop.start()
     start = {**x, **z}

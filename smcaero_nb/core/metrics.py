@@ -19,7 +19,7 @@ def heads(s):
 
 @dataclass(frozen=True)
 class Metrics:
-    """Figures of merit of a run; made by `Run.metrics`. With several channels each is a tuple, one value a channel.
+    r"""Figures of merit of a run; made by `Run.metrics`. With several channels each is a tuple, one value a channel.
 
     Attributes
     ----------
@@ -66,7 +66,7 @@ class Metrics:
 
 
 def reaching_time(run, band=None):
-    """Time after which \\|sigma\\| stays within `band`, channel by channel.
+    r"""Time after which \\|sigma\\| stays within `band`, channel by channel.
 
     Parameters
     ----------
@@ -83,7 +83,8 @@ def reaching_time(run, band=None):
     for low, high, tail in zip(heads(run.low.sigma), heads(run.high.sigma), heads(run.tail_sigma), strict=True):
         outside = np.flatnonzero(np.maximum(np.abs(low), np.abs(high)) > (2*tail if band is None else band))
         last = outside[-1] if len(outside) else -1
-        times.append(math.inf if run.diverged_at is not None or last == len(run.t) - 1 else float(run.t[last + 1 if len(outside) else 0]))
+        never = run.diverged_at is not None or last == len(run.t) - 1
+        times.append(math.inf if never else float(run.t[last + 1]))
     return times
 
 
@@ -93,7 +94,7 @@ def metrics(run):
         return values[0] if len(values) == 1 else tuple(values)
 
     tail = run.tail or math.nan
-    return Metrics(J_e=one(heads(run.mean_e)), J_u=one(flat(run.mean_u)), max_u=one(flat(run.max_u)), tail_e=one(heads(run.tail_e)),
-                   tail_sigma=one(heads(run.tail_sigma)), reaching_time=one(reaching_time(run)),
+    return Metrics(J_e=one(heads(run.mean_e)), J_u=one(flat(run.mean_u)), max_u=one(flat(run.max_u)),
+                   tail_e=one(heads(run.tail_e)), tail_sigma=one(heads(run.tail_sigma)), reaching_time=one(reaching_time(run)),
                    variation_u=one([v/tail for v in flat(run.tail_variation_u)]),
                    turns_u=one([v/tail for v in flat(run.tail_turns_u)]), diverged_at=run.diverged_at)

@@ -1,4 +1,4 @@
-"""First-order sliding mode control, fixed gain: sigma' = xi - v, \\|xi\\| <= L < rho."""
+r"""First-order sliding mode control, fixed gain: sigma' = xi - v, \\|xi\\| <= L < rho."""
 
 from typing import Annotated
 
@@ -46,8 +46,8 @@ def sign_smc(sigma, rho: Annotated[float, RHO] = 1.0) -> Param("v"):
 
 @block
 def quasi_smc(sigma, rho: Annotated[float, RHO] = 1.0,
-              eps: Annotated[float, Param(r"\varepsilon", "[sigma]", low=1e-9, log=True, help="boundary layer: smaller is more accurate and less smooth",
-                                          slider=(1e-3, 10.0))] = 0.1) -> Param("v"):
+              eps: Annotated[float, Param(r"\varepsilon", "[sigma]", low=1e-9, log=True, slider=(1e-3, 10.0),
+                                          help="boundary layer: smaller is more accurate and less smooth")] = 0.1) -> Param("v"):
     r"""Continuous (quasi) sliding mode control, sigmoid.
 
     .. math:: v = \rho\,\frac{\sigma}{|\sigma| + \varepsilon}

@@ -12,11 +12,14 @@ __all__ = ["adaptive_super_twisting"]
                   w=(0.0, Param("w(0)", "[v]", help="integral term to start with", slider=(-1.0, 1.0)))))
 def adaptive_super_twisting(
         sigma, z, tau,
-        gamma: Annotated[float, Param(r"\gamma", "[lam]/s", low=0.0, log=True, help="speed of the adaptation", slider=(1e-3, 100.0))] = 20.0,
-        mu: Annotated[float, Param(r"\mu", "[sigma]", low=0.0, log=True, help="accepted size of sigma", slider=(1e-4, 1.0))] = 1e-3,
+        gamma: Annotated[float, Param(r"\gamma", "[lam]/s", low=0.0, log=True, help="speed of the adaptation",
+                                      slider=(1e-3, 100.0))] = 20.0,
+        mu: Annotated[float, Param(r"\mu", "[sigma]", low=0.0, log=True, help="accepted size of sigma",
+                                   slider=(1e-4, 1.0))] = 1e-3,
         lam_min: Annotated[float, Param(r"\lambda_m", "[lam]", low=0.0, help="least gain", slider=(0.0, 2.0))] = 0.05,
         eps: Annotated[float, Param(r"\varepsilon", "1/s", low=0.0, log=True, help="beta = eps lam", slider=(1e-3, 10.0))] = 1.0,
-        eta: Annotated[float, Param(r"\eta", "[lam]/s", low=0.0, log=True, help="growth below the least gain", slider=(1e-3, 10.0))] = 0.5) -> Param("v"):
+        eta: Annotated[float, Param(r"\eta", "[lam]/s", low=0.0, log=True, help="growth below the least gain",
+                                    slider=(1e-3, 10.0))] = 0.5) -> Param("v"):
     r"""Super-twisting control with adaptive gains.
 
     .. math::
