@@ -1,0 +1,77 @@
+# The kit's commands; `make` alone lists them. Without make: the pip commands in README.md.
+
+# PYTHON is the interpreter that .venv is made with: python3, or the one it was made with last time.
+ifeq ($(origin PYTHON),undefined)
+PYTHON := $(or $(shell sed -n 2p .venv/.ready 2>/dev/null),python3)
+endif
+BIN := .venv/bin
+CHROMIUM ?= $(shell command -v chromium || command -v chromium-browser || command -v google-chrome)
+
+.PHONY: help lab test browser-test bench clean
+help:
+	@echo 'make lab            open JupyterLab on the start page   (ARGS="--no-browser --port=8899" is passed on)'
+	@echo 'make test           check style, run the unit tests and every notebook      (ARGS="-k surface" likewise)'
+	@echo 'make browser-test   drive the notebooks in a real browser (needs Chromium)'
+	@echo 'make bench          measure the simulation against C'
+	@echo 'make clean          remove .venv and everything else that these commands made'
+	@echo
+	@echo 'The first of them sets up .venv; PYTHON=python3.12 names the Python to do it with.'
+
+lab: .venv/.ready
+	@echo 'Starting JupyterLab (Ctrl-C ends it) ...'
+	@exec $(BIN)/jupyter-lab --notebook-dir=. --LabApp.default_url=/lab/tree/notebooks/00_start_here.ipynb \
+	    $(if $(filter 0,$(shell id -u)),--allow-root) $(ARGS)
+
+test: .venv/.ready
+	@echo 'Checking style, imports between modules, and that notebooks are stored without outputs ...'
+	@$(BIN)/ruff check --quiet || { echo 'Style: ruff found the above ("$(BIN)/ruff check --fix" mends most of it).'; exit 1; }
+	@said=$$($(BIN)/lint-imports --no-logo 2>&1) || { echo "$$said"; \
+	    echo 'Imports: a module imports what it must not, see above (the contracts are in pyproject.toml).'; exit 1; }
+	@find notebooks -name '*.ipynb' ! -path '*/.*' -exec $(BIN)/nbstripout --keep-id --verify {} + || { \
+	    echo 'Notebooks: those named above hold outputs ("$(BIN)/nbstripout --keep-id FILE" removes them).'; exit 1; }
+	@echo 'Running the unit tests and every notebook ...'
+	@$(BIN)/python -m pytest $(ARGS)
+
+browser-test: .venv/.ready
+	@$(if $(CHROMIUM),,$(error No Chromium was found: install it (Debian: sudo apt install chromium), \
+	    or name it with CHROMIUM=/path/to/chromium))
+	@echo 'Driving JupyterLab in $(CHROMIUM) ...'
+	@CHROMIUM='$(CHROMIUM)' $(BIN)/python -m pytest -m browser tests/browser -s $(ARGS)
+
+bench: .venv/.ready
+	@echo 'Measuring; leave the machine alone for a minute ...'
+	@$(BIN)/python tests/bench/bench.py $(ARGS)
+
+clean:
+	rm -rf .venv .pytest_cache .ruff_cache .import_linter_cache .hypothesis build *.egg-info
+	find . -name __pycache__ -prune -exec rm -rf {} +
+	find . -name .ipynb_checkpoints -prune -exec rm -rf {} +
+
+# .venv serves while its Python runs, it lies where it was made, and PYTHON names the Python it was made with;
+# otherwise it is made anew. A changed list of packages updates it.
+ifneq ($(shell $(BIN)/python -V >/dev/null 2>&1 && cat .venv/.ready 2>/dev/null),$(CURDIR) $(PYTHON))
+anew := yes
+.PHONY: .venv/.ready
+endif
+says = $(shell '$(PYTHON)' -c 'import sys; print($1 or "")' 2>/dev/null)
+version = $(call says,"%d.%d" % sys.version_info[:2])
+
+.venv/.ready: pyproject.toml constraints.txt
+ifdef anew
+	@$(if $(version),,$(error $(PYTHON) does not run: install Python 3.11 or newer \
+	    (Debian: sudo apt install python3 python3-venv), or name one with PYTHON=/path/to/python3))
+	@$(if $(call says,sys.version_info >= (3, 11)),,$(error $(PYTHON) is Python $(version), but the kit needs \
+	    3.11 or newer: name such a Python with PYTHON=/path/to/python3))
+	@$(if $(call says,__import__("venv") and __import__("ensurepip")),,$(error $(PYTHON) lacks the venv module: \
+	    install it (Debian: sudo apt install python$(version)-venv) and run this again))
+	@echo 'Setting up .venv with Python $(version) (once, takes a few minutes) ...'
+	@rm -rf .venv
+	@'$(PYTHON)' -m venv .venv
+else
+	@echo 'Updating .venv ...'
+	@rm -f $@
+endif
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[lab,test]' || { \
+	    echo 'The packages could not be installed (pip says why above): run the same command again once that is mended.'; \
+	    exit 1; }
+	@printf '%s\n' "$$(pwd -P)" '$(PYTHON)' >$@
