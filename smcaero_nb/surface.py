@@ -149,6 +149,7 @@ def itae(r, settling_time=8.0, integral=True, table="classical", rule="paper", d
     Paper eq (9). D. Graham and R. C. Lathrop, AIEE Trans. 72 (1953) 273.
     """
     r, degree = _degree(r, integral)
+    settling_time = positive("surface", "settling_time", settling_time)
     c, product = _chosen(degree, table, rule) if degree else ((), 0.0)
     said = [(f"{a:g}" if a != 1.0 else "") + r"\omega" + (f"^{k + 1}" if k else "") for k, a in enumerate(c)]
     doc = (f"ITAE sliding variable, relative degree {r}.\n\n.. math:: \\sigma = {_equation(said, r, integral)}"

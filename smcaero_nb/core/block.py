@@ -5,6 +5,7 @@ names its state and asks for `z` and `tau`; it returns (output, next z). A plant
 """
 
 import copy
+import inspect
 
 from .cache import fingerprint
 from .param import Param, ParameterError, declared, unknown
@@ -36,6 +37,8 @@ class Block:
     """
 
     def __init__(self, f, state):
+        if not inspect.isfunction(f):
+            raise BlockError(f"block: a block is made of a plain function, not of {f!r}")
         self.f, self.name, self.__doc__ = f, f.__name__, f.__doc__
         self.signals, self.params, self.kinds, self.values, self.output = declared(f)
         self.states = {}
@@ -44,8 +47,8 @@ class Block:
             if name in self.params:
                 raise BlockError(f"{self.name}: '{name}' is both a parameter and a state")
             self.states[name], self.values[name] = meta, meta.check(self.name, name, v)
-        if "x" not in self.signals and bool(state) != ("z" in self.signals):
-            raise BlockError(f"{self.name}: a block names a state if and only if it asks for z")
+        if "z" in self.signals and not state:
+            raise BlockError(f"{self.name} asks for z, but names no state: @block(state=dict(...))")
 
     settable = property(lambda self: {**self.params, **self.states})
     p = property(lambda self: tuple(self.values[n] for n in self.params))
@@ -87,11 +90,11 @@ class Block:
 class Channels:
     """Independent blocks side by side, made by `channels`; each sees its own component of every signal."""
 
-    signals = output = None
+    signals = None
 
     def __init__(self, parts):
         for name, b in parts.items():
-            if not isinstance(b, (Block, Channels)):
+            if not isinstance(b, Block):
                 raise BlockError(f"channels: {name} must be a block, not {b!r}")
         self.parts, self.name = parts, "channels"
 
@@ -105,6 +108,7 @@ class Channels:
     states = property(lambda self: {c: b.states for c, b in self.parts.items()})
     p = property(lambda self: tuple(v for b in self.parts.values() for v in b.p))
     z0 = property(lambda self: tuple(v for b in self.parts.values() for v in b.z0))
+    output = property(lambda self: tuple(q) if any(q := [b.output for b in self.parts.values()]) else None)
     __doc__ = property(lambda self: "\n\n".join(f"{c}: {b.__doc__}" for c, b in self.parts.items()))
 
     def with_(self, **changes):

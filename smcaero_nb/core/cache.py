@@ -32,31 +32,44 @@ def _used(f):
     return {n: f.__globals__[n] for c in _codes(f.__code__) for n in c.co_names if n in f.__globals__}
 
 
+def _name(v):
+    """Module and name of a function, module or class."""
+    return f"{getattr(v, '__module__', '')}.{getattr(v, '__qualname__', getattr(v, '__name__', ''))}"
+
+
+def _is_library(v):
+    """Whether numba compiles `v` as it stands."""
+    return hasattr(v, "of_signals") or _name(v).lstrip(".").split(".")[0] in _LIBRARIES
+
+
 def _content(v, seen, names=(), defaults=True):
     """Text that changes whenever the compiled meaning of `v` may change."""
     v = getattr(v, "py_func", v)  # a numba function
-    name = f"{getattr(v, '__module__', '')}.{getattr(v, '__qualname__', getattr(v, '__name__', ''))}"
-    if hasattr(v, "of_signals") or name.lstrip(".").split(".")[0] in _LIBRARIES:
+    name = _name(v)
+    if _is_library(v):
         return name  # covered by _ENGINE, or by the numba version
     if isinstance(v, types.FunctionType):
         if id(v) in seen:
-            return "seen"
-        seen.add(id(v))
+            return f"seen {seen[id(v)]}"
+        seen[id(v)] = len(seen)
         names = {n for c in _codes(v.__code__) for n in c.co_names}
         say = [(c.co_argcount, c.co_code.hex(), c.co_names, c.co_varnames, c.co_freevars,
                 [k for k in c.co_consts if not isinstance(k, types.CodeType)]) for c in _codes(v.__code__)]
         say += [v.__defaults__, v.__kwdefaults__] if defaults else []
         cells = [_content(c.cell_contents, seen, names) for c in v.__closure__ or ()]
         return repr((say, cells, [(n, _content(g, seen, names)) for n, g in _used(v).items()]))
-    if isinstance(v, types.ModuleType):  # cfg.K: every attribute that may be read
-        return repr((v.__name__, [(n, _content(getattr(v, n), seen, names)) for n in sorted(names) if hasattr(v, n)]))
+    if isinstance(v, (types.ModuleType, type)):  # cfg.K: every attribute that may be read
+        if (id(v), key := tuple(sorted(names))) in seen:
+            return f"seen {v.__name__}"
+        seen[id(v), key] = len(seen)
+        return repr((v.__name__, [(n, _content(getattr(v, n), seen, names)) for n in key if hasattr(v, n)]))
     if hasattr(v, "f") and hasattr(v, "values"):  # a block used as a helper: its values are constants
         return repr((v.values, _content(v.f, seen, (), False)))
     if isinstance(v, np.ndarray):
         return repr((v.dtype, v.shape, v.tobytes()))
     if isinstance(v, (tuple, list)):
         return repr([_content(k, seen, names) for k in v])
-    return name if isinstance(v, type) or callable(v) else repr(v)
+    return name if callable(v) else repr(v)
 
 
 def fingerprint(f):
@@ -64,24 +77,43 @@ def fingerprint(f):
 
     The defaults of `f` itself are run-time parameters and left out; those of its helpers are constants.
     """
-    return hashlib.sha256(_content(f, set(), defaults=False).encode()).hexdigest()
+    return hashlib.sha256(_content(f, {}, defaults=False).encode()).hexdigest()
 
 
 def compiled(f, defaults=None):
     """The numba version of a plain function; the plain helpers and blocks that it calls are compiled with it."""
     from numba import njit
 
-    key = fingerprint(f), defaults
+    defaults = defaults or f.__defaults__
+    key = fingerprint(f), repr(defaults)
     if key not in _compiled:
+        shadows = {}
+
         def inner(v):
             if hasattr(v, "f") and hasattr(v, "values"):
                 return compiled(v.f, v.p)
-            return compiled(v) if isinstance(v, types.FunctionType) and not hasattr(v, "of_signals") else v
+            v = getattr(v, "py_func", v)  # a numba function: what it calls and reads may have changed since it was compiled
+            if _is_library(v):
+                return v
+            if isinstance(v, types.ModuleType):  # helpers.f: the module again, with what may be read compiled
+                if id(v) not in shadows:
+                    shadows[id(v)] = types.ModuleType(v.__name__)
+                    vars(shadows[id(v)]).update({n: inner(getattr(v, n)) for n in reads if hasattr(v, n)})
+                return shadows[id(v)]
+            return compiled(v) if isinstance(v, types.FunctionType) else v
 
-        cells = tuple(types.CellType(inner(c.cell_contents)) for c in f.__closure__ or ()) or None
-        names = {"__name__": __name__, **{n: inner(v) for n, v in _used(f).items()}}
-        g = types.FunctionType(f.__code__, names, f.__name__, defaults or f.__defaults__, cells)
+        reads = {n for c in _codes(f.__code__) for n in c.co_names}
+        names = {"__name__": __name__}
+        cells = tuple(types.CellType() for _ in f.__closure__ or ())
+        g = types.FunctionType(f.__code__, names, f.__name__, defaults, cells or None)
         _compiled[key] = njit(nogil=True, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)(g)
+        try:
+            names.update({n: inner(v) for n, v in _used(f).items()})  # only now: a helper may call itself
+            for new, old in zip(cells, f.__closure__ or (), strict=True):
+                new.cell_contents = inner(old.cell_contents)
+        except BaseException:
+            del _compiled[key]
+            raise
     return _compiled[key]
 
 
@@ -141,9 +173,8 @@ class _Disk:
             with os.fdopen(handle, "wb") as f:
                 f.write(data)
             os.replace(name, path)  # whole or not at all, whoever else writes it now
-            old = sorted(path.parent.glob("*.loop"), key=lambda q: q.stat().st_mtime)[:-_FILES]
             with contextlib.suppress(OSError):
-                for q in old:
+                for q in sorted(path.parent.glob("*.loop"), key=lambda q: q.stat().st_mtime)[:-_FILES]:
                     q.unlink()
         except Exception as why:
             _once(f"smcaero_nb: compiled code not kept on disk ({type(why).__name__}: {why}); it will be compiled anew next time")

@@ -21,7 +21,7 @@ from .signal import flat, leaves, shape, text
 
 __all__ = ["ClosedLoop", "Run", "simulate"]
 
-LIMIT = 1e12  # sum of |x| beyond which any run has diverged
+LIMIT = 1e12  # sum of |x|, or of |u|, beyond which any run has diverged
 CHUNK = 0.02  # s of machine time between two looks at Ctrl-C, cancel and progress
 
 ASKS = dict(reference=("t",), output=("t", "x"), differentiator=("t", "r", "y", "e"), surface=("t", "r", "y", "e"),
@@ -29,6 +29,7 @@ ASKS = dict(reference=("t",), output=("t", "x"), differentiator=("t", "r", "y", 
             perturbation=("t", "x"), plant=("t", "x", "u", "d"))
 GIVES = dict(differentiator=("e_hat", "e"), surface=("sigma", "e_hat"), law=("v", "sigma"), allocation=("u", "v"),
              actuator=("u", "u"))  # what a sampled stage gives, and what it passes on where there is none
+ESTIMATED = ("surface", "law", "allocation")  # for them e is what the differentiator gives, where there is one
 SIGNALS = ("t", "r", "y", "e", "e_hat", "sigma", "v", "u", "d")
 METHODS = dict(euler=[(0.0, 1.0)], midpoint=[(0.0, 0.0), (0.5, 1.0)],
                rk4=[(0.0, 1/6), (0.5, 1/3), (0.5, 1/3), (1.0, 1/6)])  # (node, weight) of each evaluation
@@ -115,14 +116,18 @@ def run(S, P, rec, dt, tau, m, every, n, k, stop, sample, row, line):
     while k < stop:
         t = k*dt
         {measure}
+        {disturb}
         if not ({inside}):
             diverged = True
             break
         if k == sample:
             sample += m
             {control}
+            if not ({driven}):
+                diverged = True
+                break
             {watch}
-        {disturb}
+        {peaks}
         if k == row:
             {record}
             line += 1
@@ -154,6 +159,11 @@ def _error(r, y, p="", q=""):
     return "(" + "".join(_error(r[i], v, f"{p}[{i}]", f"{q}[{i}]") + ", " for i, v in enumerate(y)) + ")"
 
 
+def _zero(y):
+    """Text of a zero reference: one zero for each channel of y."""
+    return "0.0" if y is None or not any(y) else "(" + "".join(f"{_zero(v)}, " for v in y) + ")"
+
+
 def _inside(name, s, meta):
     """Text of the limits that the metadata of a signal declare."""
     if isinstance(meta, tuple) and s is not None:
@@ -171,7 +181,7 @@ class _Writer:
 
     def __init__(self, loop, method, tau):
         self.stages, self.functions, self.shapes = loop.stages, {}, {}
-        self.values = {"t": 0.0, "tau": tau, "dt": tau, "float": float}
+        self.values = {"t": 0.0, "tau": tau, "dt": 0.0, "float": float}
         params = {f"p_{s}_{i}": v for s, p in loop.p.items() for i, v in enumerate(p)}
         self.x, self.z = loop.start()
         self.shapes["x"] = (None,)*len(self.x)
@@ -192,7 +202,9 @@ class _Writer:
 
         limits = _inside("y", self.shapes["y"], loop.metadata("y"))
         limits += [q for n, m in zip(self.x, loop.stages["plant"].states.values(), strict=True) for q in _inside(n, None, m)]
-        parts["inside"] = " and ".join([f"{' + '.join(f'abs({q})' for q in self.x)} <= {LIMIT!r}", *limits])
+        driven = dict.fromkeys(names["sigma"] + names["v"] + u)  # a NaN ends the run before it is recorded or summed
+        parts["inside"] = " and ".join([f"{' + '.join(f'abs({q})' for q in [*self.x, *e, *names['d']])} <= {LIMIT!r}", *limits])
+        parts["driven"] = f"{' + '.join(f'abs({q})' for q in driven)} <= {LIMIT!r}"
         parts["watch"] = [line for q in u for line in (
             f"step = {q} - held_{q}", "if step != 0.0:", f"    variation_{q} += abs(step)", f"    if step*last_{q} < 0.0:",
             f"        turns_{q} += 1.0", f"    last_{q} = step", f"held_{q} = {q}")]
@@ -200,7 +212,7 @@ class _Writer:
                            for q in watched for b, than in (("low", "<"), ("high", ">"))]
         parts["watch"] += [f"max_{q} = abs({q}) if abs({q}) > max_{q} else max_{q}" for q in watched]
         parts["sums"] = [f"sum_{q} += abs({q})" for q in e + u]
-        parts["sums"] += [f"max_{q} = abs({q}) if abs({q}) > max_{q} else max_{q}" for q in e]
+        parts["peaks"] = [f"max_{q} = abs({q}) if abs({q}) > max_{q} else max_{q}" for q in e]
         parts["record"] = [f"rec[line, {i}] = {q}" for i, q in enumerate(self.columns)]
         parts["restart"] = [f"low_{q} = high_{q} = {q}" for q in watched]
         cast = {bool: "P[{}] != 0.0", int: "int(P[{}])", float: "P[{}]"}
@@ -255,20 +267,27 @@ class _Writer:
         memory = ("z", "tau") if stage in GIVES else ()
         many = isinstance(block, Channels)
         for i, b in enumerate(block.parts.values() if many else (block,)):
-            where, name = f"{stage} '{b.name}'", f"{stage}_{b.name}" + f"_{i}"*many
+            where, name = f"{stage} '{b.name}'", re.sub(r"\W", "_", f"{stage}_{b.name}") + f"_{i}"*many
             if wrong := [n for n in b.signals if n not in ASKS[stage] + memory]:
                 raise BlockError(f"{where} asks for {', '.join(wrong)}; it may ask for {', '.join(ASKS[stage] + memory)}")
+            if stage == "plant" and not b.states:
+                raise BlockError(f"{where} names no state: @block(state=dict(...))")
+            if b.states and stage != "plant" and not (memory and "z" in b.signals):
+                raise BlockError(f"{where} names a state ({', '.join(b.states)}), but "
+                                 + ("does not ask for z" if memory else "this stage has no memory"))
             states = [f"z_{stage}_{z + j}" for j in range(len(b.states))] if memory else []
+            estimated = self.stages["differentiator"] and stage in ESTIMATED
+            asked = ["e_hat" if n == "e" and estimated else n for n in b.signals]
             own = {"z": "(" + "".join(f"{q}, " for q in states) + ")", "tau": "tau", "t": alias.get("t", "t")}
             try:
-                args = [own.get(n) or self.text(n, i if many and n != "x" else None, alias.get(n)) for n in b.signals]
+                args = [own.get(n) or self.text(n, i if many and n != "x" else None, alias.get(n)) for n in asked]
             except (TypeError, IndexError):
                 raise BlockError(f"{where}: a signal it asks for has no channel {i}: "
-                                 + ", ".join(f"{n} = {self.values_of(n)!r}" for n in b.signals if n in self.shapes)) from None
+                                 + ", ".join(f"{n} = {self.values_of(n)!r}" for n in asked if n in self.shapes)) from None
             args += [f"p_{stage}_{p + j}" for j in range(len(b.params))]
             self.functions[name], self.values[name] = (b.f, where), b.f
             result = f"out_{stage}" + f"_{i}"*many
-            self.write(f"{result} = {name}({', '.join(args)})", where, b.signals)
+            self.write(f"{result} = {name}({', '.join(args)})", where, asked)
             self.check(where, self.values[result], b.states, stage)
             for j, q in enumerate(states):
                 self.write(f"{q} = float({result}[1][{j}])")
@@ -286,7 +305,8 @@ class _Writer:
             got = got[0]
         if stage == "plant" and shape(got) != (None,)*len(states):
             raise BlockError(f"{where} must return dx/dt as a tuple of {len(states)} ({names}); it returned {got!r}")
-        if (isinstance(got, tuple) and not got) or not all(isinstance(v, (float, int, np.number, np.bool_)) for v in flat(got)):
+        if (isinstance(got, tuple) and not got) or not all(
+                isinstance(v, (float, int, np.number)) and not isinstance(v, (bool, complex)) for v in flat(got)):
             raise BlockError(f"{where} must return a float or a tuple of floats; it returned {got!r}")
 
     def stage(self, stage, gives, passes=None, alias=None):
@@ -298,8 +318,11 @@ class _Writer:
 
     def measure(self):
         """Reference, output and error."""
-        self.stage("reference", "r")
         self.stage("output", "y", "x")
+        if self.stages["reference"]:
+            self.stage("reference", "r")
+        else:
+            self.assign("r", _zero(self.shapes["y"]))
         try:
             self.assign("e", _error(self.shapes["r"], self.shapes["y"]))
         except (BlockError, TypeError, IndexError):
@@ -340,7 +363,7 @@ def _place(why):
 def _uncompilable(writer, why):
     """The error that names the block, and its line, which numba cannot compile."""
     from numba import njit, typeof
-    from numba.core.errors import NumbaError
+    from numba.core.errors import NumbaError, UnsupportedBytecodeError
 
     for line in writer.source.split("\n"):
         for name, (f, where) in writer.functions.items():
@@ -349,12 +372,12 @@ def _uncompilable(writer, why):
                 try:
                     alone = compiled(f).py_func
                     njit(nogil=True, error_model="numpy")(alone).compile(tuple(map(typeof, args)))
-                except NumbaError as reason:
-                    found = re.findall(r'File "(.*?)", line (\d+)', str(reason))
+                except (NumbaError, UnsupportedBytecodeError) as reason:
+                    found = re.findall(r'(?:File "|Raised from )(.*?)(?:", line | \()(\d+)', str(reason))
                     file, number = found[-1] if found else ("", 0)
                     at = f", line {number} ({linecache.getline(file, int(number)).strip()})" if found else ""
-                    return BlockError(f"{where} cannot be compiled{at}: {_first(reason)}. A block may use floats, tuples, math and "
-                                      "plain functions; simulate(..., jit=False) runs it as plain Python")
+                    return BlockError(f"{where} cannot be compiled{at}: {_first(reason)}. A block may use floats, tuples, math "
+                                      "and plain functions; simulate(..., jit=False) runs it as plain Python")
     return BlockError(f"the loop cannot be compiled: {_first(why)}")
 
 
@@ -370,7 +393,7 @@ _made = {}
 def _made_loop(loop, method, tau, jit):
     """The loop for these blocks, from memory, from disk, or compiled now; and its writer."""
     key = repr((method, [(s, b and b.content()) for s, b in loop.stages.items()]))
-    if (key, jit) not in _made:
+    if (key, jit) not in _made or not jit:  # plain: these very functions, which a debugger knows
         writer = _Writer(loop, method, tau)
         names = {n: compiled(f) if jit else f for n, (f, _) in writer.functions.items()}
         names["__name__"] = __name__  # numba asks for it when it loads from disk
@@ -380,12 +403,12 @@ def _made_loop(loop, method, tau, jit):
         f = names["run"]
         if jit:
             from numba import float64, int64, njit
-            from numba.core.errors import NumbaError
+            from numba.core.errors import NumbaError, UnsupportedBytecodeError
 
             f = kept(njit(nogil=True, error_model="numpy", no_cfunc_wrapper=True)(f), key + writer.source)
             try:
                 f.compile((float64[::1], float64[::1], float64[:, ::1], float64, float64, *[int64]*8))
-            except NumbaError as why:
+            except (NumbaError, UnsupportedBytecodeError) as why:
                 raise _uncompilable(writer, why) from why
         _made[key, jit] = f, writer
     return _made[key, jit]
@@ -421,7 +444,7 @@ class Run:
     tail : float
         Length of the tail [s].
     diverged_at : float or None
-        Time at which a state or output was not finite or left the limits that its metadata declare [s].
+        Time at which a state or signal was not finite, or a state or output left the limits that its metadata declare [s].
     steps : int
         Steps done.
     loop : ClosedLoop
@@ -510,6 +533,8 @@ def simulate(loop, duration=None, dt=None, tau=None, *, method="euler", record=2
         given[n] = positive("simulate", n, given[n])
     duration, dt = given["duration"], given["dt"]
     tau = dt if given["tau"] is None else positive("simulate", "tau", given["tau"])
+    if not max(tau, duration)/dt < 1e15:
+        raise ParameterError(f"simulate: dt = {dt:g} s is not allowed; {max(tau, duration):g} s must take less than 1e15 steps")
     m, n = round(tau/dt), round(duration/dt)
     if m < 1 or abs(m*dt - tau) > 1e-9*tau:
         raise ParameterError(f"simulate: tau = {tau:g} s is not allowed; it must be a multiple of dt = {dt:g} s")
@@ -524,7 +549,7 @@ def simulate(loop, duration=None, dt=None, tau=None, *, method="euler", record=2
     P = np.array([v for p in loop.p.values() for v in p], float)
     x, z = loop.start()
     start = {**x, **z}
-    S = np.array([start.get(q, 0.0) for q in writer.state])
+    S = np.array([start.get(q, {"low": math.inf, "high": -math.inf}.get(q.partition("_")[0], 0.0)) for q in writer.state])
     every, k_tail = -(-n//record), n - round(n*tail)
     rec = np.empty((-(-n//every) + 1, len(writer.columns)))
     peaks = [i for i, q in enumerate(writer.state) if q.startswith("max_")]
@@ -538,7 +563,7 @@ def simulate(loop, duration=None, dt=None, tau=None, *, method="euler", record=2
         if k == k_tail and at < k:
             before = dict(zip(writer.state, S.tolist(), strict=True))
             S[peaks] = 0.0
-        chunk = max(1, int(chunk*min(8.0, CHUNK/max(time.perf_counter() - began, 1e-6))))
+        chunk = max(1, int((k - at)*min(8.0, CHUNK/max(time.perf_counter() - began, 1e-6))))
         if progress:
             progress(min(k/n, 1.0))
     return _result(loop, writer, rec[:line], S, before, min(k, n), k_tail, dt, diverged)

@@ -10,10 +10,12 @@ from .signal import flat, shape
 __all__ = ["Metrics", "metrics", "reaching_time"]
 
 
-def heads(s):
-    """The outputs themselves, without their derivatives, of each channel of a signal, as a list."""
+def heads(s, many=False):
+    """The outputs themselves, without their derivatives, of each channel, as a list; `many`: the items of `s` are channels."""
     if not isinstance(s, tuple):
         return [s]
+    if many:
+        return [flat(v)[0] for v in s]
     return [s[0]] if all(v is None for v in shape(s)) else [h for v in s for h in heads(v)]
 
 
@@ -65,6 +67,11 @@ class Metrics:
         return "<table><tr><th>" + "</th><th>".join(head) + "</th></tr><tr><td>" + "</td><td>".join(body) + "</td></tr></table>"
 
 
+def _many(run):
+    """Whether the loop has channels: then e is nested, and a flat sigma holds one value a channel, no derivatives."""
+    return isinstance(run.e, tuple) and any(isinstance(v, tuple) for v in run.e)
+
+
 def reaching_time(run, band=None):
     r"""Time after which \\|sigma\\| stays within `band`, channel by channel.
 
@@ -80,7 +87,8 @@ def reaching_time(run, band=None):
         [s], resolved to one recorded row; infinite if \\|sigma\\| is outside at the end, or the run diverged.
     """
     times = []
-    for low, high, tail in zip(heads(run.low.sigma), heads(run.high.sigma), heads(run.tail_sigma), strict=True):
+    many = _many(run)
+    for low, high, tail in zip(heads(run.low.sigma, many), heads(run.high.sigma, many), heads(run.tail_sigma, many), strict=True):
         outside = np.flatnonzero(np.maximum(np.abs(low), np.abs(high)) > (2*tail if band is None else band))
         last = outside[-1] if len(outside) else -1
         never = run.diverged_at is not None or last == len(run.t) - 1
@@ -95,6 +103,6 @@ def metrics(run):
 
     tail = run.tail or math.nan
     return Metrics(J_e=one(heads(run.mean_e)), J_u=one(flat(run.mean_u)), max_u=one(flat(run.max_u)),
-                   tail_e=one(heads(run.tail_e)), tail_sigma=one(heads(run.tail_sigma)), reaching_time=one(reaching_time(run)),
-                   variation_u=one([v/tail for v in flat(run.tail_variation_u)]),
+                   tail_e=one(heads(run.tail_e)), tail_sigma=one(heads(run.tail_sigma, _many(run))),
+                   reaching_time=one(reaching_time(run)), variation_u=one([v/tail for v in flat(run.tail_variation_u)]),
                    turns_u=one([v/tail for v in flat(run.tail_turns_u)]), diverged_at=run.diverged_at)

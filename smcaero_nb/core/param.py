@@ -4,6 +4,7 @@ import difflib
 import inspect
 import math
 import numbers
+import sys
 from dataclasses import dataclass
 
 __all__ = ["Param", "ParameterError", "declared", "positive", "unknown"]
@@ -47,7 +48,7 @@ class Param:
             if isinstance(value, bool) or type(value).__name__ == "bool":
                 return bool(value)
             raise ParameterError(f"{owner}: {name} = {value!r} is not allowed; it is a switch, True or False")
-        good = isinstance(value, numbers.Real) and not isinstance(value, bool) and math.isfinite(value)
+        good = isinstance(value, numbers.Real) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
         if not (good and self.low <= value <= self.high and (kind is float or value == int(value))):
             raise ParameterError(f"{owner}: {name} = {_said(value, self.unit)} is not allowed; it must be {self.allowed(kind)}")
         return kind(value)
@@ -65,6 +66,8 @@ class Param:
 
 def _said(value, unit):
     said = f"{value:g}" if isinstance(value, float) else repr(value)
+    if isinstance(value, float) and float(said) != value:  # 1.0000001, not "1 is not allowed; it must be at most 1"
+        said = repr(float(value))
     return said + (f" {unit}" if unit != "1" and isinstance(value, numbers.Real) else "")
 
 
@@ -91,7 +94,7 @@ def declared(f):
         meta = [m for m in getattr(a.annotation, "__metadata__", ()) if isinstance(m, Param)]
         params[name] = meta[0] if meta else Param()
         kind = getattr(a.annotation, "__origin__", a.annotation)
-        kinds[name] = kind if kind in (int, bool) else bool if isinstance(a.default, bool) else float
+        kinds[name] = kind if kind in (int, bool, float) else bool if isinstance(a.default, bool) else float
         values[name] = params[name].check(f.__name__, name, a.default, kinds[name])
     output = signature.return_annotation
     return tuple(signals), params, kinds, values, output if isinstance(output, (Param, tuple)) else None

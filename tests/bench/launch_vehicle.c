@@ -21,13 +21,15 @@ long run(const double *P, double dt, long n, long every, long k_tail, double *re
         if (t >= 2) c -= 1.2;
         if (t >= 6) c += 2.3;
         if (t >= 10) c -= 1.2;
-        double r = c*unit, y = th + eta, dy = q + etad, e = r - y, ed = -dy;
+        double r = c*unit, y = th + eta, dy = q + etad, e = r - y, ed = -dy, f = f0 + f1*sin(w*t);
 #ifndef BARE
-        if (!(fabs(x1) + fabs(b) + fabs(bd) + fabs(th) + fabs(q) + fabs(eta) + fabs(etad) <= 1e12 && y >= -10 && y <= 10)) break;
+        if (!(fabs(x1) + fabs(b) + fabs(bd) + fabs(th) + fabs(q) + fabs(eta) + fabs(etad) + fabs(e) + fabs(ed) + fabs(f) <= 1e12
+              && y >= -10 && y <= 10)) break;
 #endif
-        double s = ed + c1*e + c0*ie, v = rho*s/(fabs(s) + eps), u = v/G0, f = f0 + f1*sin(w*t);
+        double s = ed + c1*e + c0*ie, v = rho*s/(fabs(s) + eps), u = v/G0;
         ie += dt*e;
 #ifndef BARE
+        if (!(fabs(s) + fabs(v) + fabs(u) <= 1e12)) break;
         double step = u - held;
         if (step != 0) {
             tv += fabs(step);
