@@ -193,7 +193,7 @@ def polynomial(c, integral=True, derivative=False):
     """
     c = [Param().check("surface", f"c[{i}]", v) for i, v in enumerate(c)]
     r, _ = _degree(len(c) + 1 - integral, integral)
-    if any(np.roots([1.0, *c]).real >= 0.0):
+    if any(q.real >= -1e-9*abs(q) for q in np.roots([1.0, *c])):
         raise ParameterError(f"surface: c = {tuple(c)} is not allowed; the polynomial with 1 before them must be Hurwitz, but it "
                              f"has the roots {', '.join(f'{q:.3g}' for q in np.roots([1.0, *c]))}")
     names = [f"c_{i}" for i in range(r - 2, -1, -1)] + ["c_int"]*integral

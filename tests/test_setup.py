@@ -6,7 +6,7 @@ import shutil
 import subprocess
 import sys
 import tomllib
-from importlib.metadata import requires
+from importlib.metadata import requires, version
 from pathlib import Path
 
 import pytest
@@ -136,6 +136,8 @@ def test_exact_versions_suit_what_is_asked_for():
 
 @pytest.mark.skipif(sys.platform != "linux", reason="made on Linux; other systems need a few more")
 def test_exact_versions_cover_all_that_is_installed():
+    if any(version(name) != PINS[name] for name in ("numba", "jupyterlab", "pytest")):
+        pytest.skip("installed without the list")
     todo, seen = [("smcaero_nb", "lab"), ("smcaero_nb", "test")], set()
     while todo:
         name, extra = todo.pop()

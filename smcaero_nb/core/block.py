@@ -97,6 +97,7 @@ class Channels:
             if not isinstance(b, Block):
                 raise BlockError(f"channels: {name} must be a block, not {b!r}")
         self.parts, self.name = parts, "channels"
+        self.__doc__ = "\n\n".join(f"{c}: {b.__doc__}" for c, b in parts.items())
 
     def _joined(self, what):
         return {f"{c}__{n}": v for c, b in self.parts.items() for n, v in getattr(b, what).items()}
@@ -109,7 +110,6 @@ class Channels:
     p = property(lambda self: tuple(v for b in self.parts.values() for v in b.p))
     z0 = property(lambda self: tuple(v for b in self.parts.values() for v in b.z0))
     output = property(lambda self: tuple(q) if any(q := [b.output for b in self.parts.values()]) else None)
-    __doc__ = property(lambda self: "\n\n".join(f"{c}: {b.__doc__}" for c, b in self.parts.items()))
 
     def with_(self, **changes):
         """Return a copy: ``part=block`` replaces a part, ``part__name=value`` sets something in it."""

@@ -186,11 +186,15 @@ def kept(dispatcher, key):
         from numba.core.compiler import CompileResult
         from numba.core.serialize import dumps
 
-        known = hasattr(dispatcher, "_cache") and hasattr(CompileResult, "_rebuild") and hasattr(CompileResult, "_reduce") and dumps
+        known = dumps and hasattr(dispatcher, "_cache") and all(hasattr(CompileResult, n) for n in ("_reduce", "_rebuild"))
     except ImportError:
         known = False
-    if known:
-        dispatcher._cache = _Disk(key)
-    else:
+    if not known:
         _once("smcaero_nb: this version of numba keeps compiled code in another way; it is compiled anew in every process")
+        return dispatcher
+    try:
+        cache_folder()
+        dispatcher._cache = _Disk(key)
+    except OSError as why:
+        _once(f"smcaero_nb: no folder for compiled code ({why}); it is compiled anew in every process")
     return dispatcher

@@ -8,6 +8,7 @@ import hashlib
 import linecache
 import math
 import re
+import threading
 import time
 import types
 
@@ -387,7 +388,7 @@ def _first(reason):
     return next((q for q in lines if q and not q.startswith(("Failed in", "-", "File"))), "numba gives no reason")
 
 
-_made = {}
+_made, _lock = {}, threading.RLock()  # masks simulate in threads
 
 
 def _made_loop(loop, method, tau, jit):
@@ -545,7 +546,12 @@ def simulate(loop, duration=None, dt=None, tau=None, *, method="euler", record=2
     record = Param(low=1).check("simulate", "record", record, int)
     tail = Param(low=0.0, high=1.0).check("simulate", "tail", tail)
 
-    f, writer = _made_loop(loop, method, m*dt, jit)
+    if jit:
+        from numba import config
+
+        jit = not config.DISABLE_JIT
+    with _lock:
+        f, writer = _made_loop(loop, method, m*dt, jit)
     P = np.array([v for p in loop.p.values() for v in p], float)
     x, z = loop.start()
     start = {**x, **z}

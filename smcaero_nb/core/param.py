@@ -91,13 +91,18 @@ def declared(f):
         if a.default is a.empty:
             signals.append(name)
             continue
-        meta = [m for m in getattr(a.annotation, "__metadata__", ()) if isinstance(m, Param)]
-        params[name] = meta[0] if meta else Param()
+        params[name] = _meta(a.annotation) or Param()
         kind = getattr(a.annotation, "__origin__", a.annotation)
         kinds[name] = kind if kind in (int, bool, float) else bool if isinstance(a.default, bool) else float
         values[name] = params[name].check(f.__name__, name, a.default, kinds[name])
-    output = signature.return_annotation
-    return tuple(signals), params, kinds, values, output if isinstance(output, (Param, tuple)) else None
+    return tuple(signals), params, kinds, values, _meta(signature.return_annotation)
+
+
+def _meta(annotation):
+    """The metadata in an annotation: ``Param(...)``, ``Annotated[float, Param(...)]``, or a tuple of these; else None."""
+    if isinstance(annotation, tuple):
+        return tuple(map(_meta, annotation))
+    return next((m for m in (annotation, *getattr(annotation, "__metadata__", ())) if isinstance(m, Param)), None)
 
 
 def unknown(owner, name, known):

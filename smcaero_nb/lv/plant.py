@@ -81,7 +81,9 @@ def launcher(x, u, d, I: Inertia = 1.35582e8, C_Na: NormalForce = 8.0, qbar: Pre
     u, d : float
         Commanded gimbal angle and its perturbation [rad].
     I, C_Na, qbar, S, l_a, l_g, R, S_n, I_n, phi_g, psi_g, psi_s, omega_b, zeta_b, tau_act, omega_e, zeta_e : float
-        Vehicle [SI]; coupling, bending: effects that can be switched off.
+        Vehicle [SI].
+    coupling, bending : bool
+        Effects that can be switched off.
 
     Returns
     -------
@@ -124,7 +126,11 @@ def launcher_with_drift(x, u, d, I: Inertia = 1.35582e8, C_Na: NormalForce = 8.0
     u, d : float
         Commanded gimbal angle and its perturbation [rad].
     I, C_Na, qbar, S, l_a, l_g, R, S_n, I_n, phi_g, psi_g, psi_s, omega_b, zeta_b, tau_act, omega_e, zeta_e : float
-        As in `launcher`; M, V, gbar: mass [kg], speed [m/s], mean axial acceleration [m/s^2].
+        As in `launcher`.
+    coupling, bending : bool
+        As in `launcher`.
+    M, V, gbar : float
+        Mass [kg], speed [m/s], mean axial acceleration [m/s^2].
 
     Returns
     -------
@@ -195,7 +201,9 @@ def pitch_and_acceleration(x, I: Inertia = 1.35582e8, C_Na: NormalForce = 8.0, q
     x : tuple of 7 float
         State of `launcher`.
     I, C_Na, qbar, S, l_a, l_g, R, S_n, I_n, phi_g, psi_g, psi_s, omega_b, zeta_b, tau_act, omega_e, zeta_e : float
-        As in `launcher`; coupling, bending likewise. In a loop all follow the plant's.
+        As in `launcher`. In a loop they follow the plant's.
+    coupling, bending : bool
+        Likewise.
 
     Returns
     -------

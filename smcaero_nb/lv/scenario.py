@@ -76,7 +76,7 @@ def loop(law="adaptive_super_twisting", preset="recommended"):
 
     Examples
     --------
-    >>> simulate(loop("quasi_smc", "eq69")).metrics().J_e
+    >>> round(simulate(loop("quasi_smc", "eq69")).metrics().J_e, 4)
     0.0074
     """
     if law not in PRESETS:

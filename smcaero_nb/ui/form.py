@@ -1,0 +1,330 @@
+"""Masks: the form of a block or closed loop, made from the metadata of its parameters."""
+
+import html
+import math
+import pathlib
+import re
+import threading
+from contextlib import contextmanager
+
+import anywidget
+import ipywidgets as W
+import traitlets
+
+from ..core import ClosedLoop, ParameterError
+from ..core.block import Channels
+from ..core.param import unknown
+from .words import doc_html, label
+
+__all__ = ["Mask", "mask"]
+
+HERE = pathlib.Path(__file__).parent
+DESIGN = ("differentiator", "surface", "law", "allocation", "actuator")  # what a designer sets; the rest is folded away
+WORLD = ("reference", "perturbation", "output", "plant")
+
+
+class Page(anywidget.AnyWidget):
+    """What ipywidgets leave out in the page: accessible names, live announcements, the fit of the plot."""
+
+    _esm = HERE / "page.js"
+    _css = HERE / "page.css"
+    names = traitlets.Dict().tag(sync=True)  # of each control: accessible name, and whether its slider is logarithmic
+
+
+def _blocks(prefix, b):
+    """(prefix, block) of a stage, those of channels one by one."""
+    if isinstance(b, Channels):
+        for c, part in b.parts.items():
+            yield from _blocks(f"{prefix}{c}__", part)
+    elif b:
+        yield prefix, b
+
+
+def _settable(target):
+    """{name: (Param, value, kind)} of a block or loop."""
+    if isinstance(target, ClosedLoop):
+        return target.settable()
+    return {n: (m, target.values[n], target.kinds.get(n, float)) for n, m in target.settable.items()}
+
+
+def _groups(target):
+    """[(title, block, names, folded)] in the order in which one designs; initial states last."""
+    stages = {"": target}
+    if isinstance(target, ClosedLoop):
+        stages = {f"{s}__": target.stages[s] for s in DESIGN + WORLD}
+    blocks = [q for prefix, b in stages.items() for q in _blocks(prefix, b)]
+    groups = [(": ".join(filter(None, (" ".join(p.split("__")[:-1]), b.name.replace("_", " ")))), b, [f"{p}{n}" for n in b.params],
+               p.startswith(WORLD)) for p, b in blocks]
+    return [*groups, ("initial state", None, [f"{p}{n}" for p, b in reversed(blocks) for n in b.states], True)]
+
+
+def _span(meta, value):
+    """Range of the slider: the declared one, else the bounds, else about the value; always around the value."""
+    low, high = meta.slider or (meta.low, meta.high)
+    reach = 4*abs(value) or 1.0
+    low = low if math.isfinite(low) else min(0.0 if value > 0 else -reach, high - reach)
+    high = high if math.isfinite(high) else max(0.0 if value < 0 else reach, low + reach)
+    if meta.log and low <= 0.0:
+        low = 1e-4*high
+    return min(low, value) if value > 0.0 or not meta.log else low, max(high, value)
+
+
+def _step(span):
+    """About a two-hundredth of the range: 1, 2 or 5 times a power of ten."""
+    power = 10.0**math.floor(math.log10(span/200))
+    return power*next(m for m in (1, 2, 5, 10) if m*power >= 0.999*span/200)
+
+
+def _written(value):
+    """A number as the entry shows it."""
+    return re.sub(r"e([+-])0*", lambda m: "e" + m[1].strip("+"), f"{value:.6g}")
+
+
+class _Row:
+    """Slider and text entry of one number, or the checkbox of a switch; `asked` is called with what a person asks for."""
+
+    def __init__(self, name, meta, value, kind, asked, shared):
+        say = dict(description=label(name, meta), tooltip=meta.help)
+        self.meta, self.kind, self.entry = meta, kind, None
+        if kind is bool:
+            self.widget = self.box = W.Checkbox(value, indent=False, layout=shared["layout"], **say)
+        else:
+            low, high = _span(meta, value)
+            say |= dict(readout=False, layout=shared["layout"], style=shared["slider"])
+            if kind is int:
+                self.widget = W.IntSlider(value, math.floor(low), math.ceil(high), **say)
+            elif meta.log:
+                a, b = math.log10(low), math.log10(high)
+                self.widget = W.FloatLogSlider(10.0**a, min=a, max=b, step=_step(b - a), **say)
+            else:
+                self.widget = W.FloatSlider(low, min=low, max=high, step=_step(high - low), **say)
+            self.entry = W.Text(continuous_update=False, tooltip=meta.help, layout=shared["layout"], style=shared["text"])
+            self.entry.observe(lambda change: asked(name, self.typed(change.new)), "value")
+            self.box = W.HBox([self.widget, self.entry], layout=shared["layout"])
+        self.widget.observe(lambda change: self.moved(change.new) and asked(name, self.slid(change.new)), "value")
+        for mark in ("row", f"set-{name}"):
+            self.box.add_class(f"smcaero-{mark}")
+
+    def place(self, v):
+        """Where `v` is on the slider, in steps."""
+        w = self.widget
+        return (math.log10(max(v, 10.0**w.min)) if isinstance(w, W.FloatLogSlider) else v)/w.step
+
+    def moved(self, v):
+        """Whether somebody moved the slider: it also tells, when it is drawn, the step nearest to the value it is given."""
+        return not (self.entry and self.from_page()) or abs(self.place(v) - self.place(self.value)) >= 0.5
+
+    def from_page(self):
+        """Whether the page, not a program, sets the slider just now."""
+        return "value" in self.widget._property_lock
+
+    def slid(self, v):
+        """The slider's value, without the digits that a step does not mean; its ends are the bounds, whatever they round to."""
+        if self.entry and self.from_page():
+            v = self.kind(f"{v:.3g}" if isinstance(self.widget, W.FloatLogSlider) else f"{v:.6g}")
+        return v if self.kind is bool else min(max(v, self.meta.low), self.meta.high)
+
+    def typed(self, text):
+        """The number that the text says, or the text, which validation then refuses in words."""
+        try:
+            return float(text)
+        except ValueError:
+            return text.strip()
+
+    def show(self, value):
+        """Show a value; what was typed stays as it is if it says the same, and the slider stops at its ends."""
+        self.mark(False)
+        self.value = value
+        if self.entry is None:
+            self.widget.value = value
+            return
+        if self.typed(self.entry.value) != value:
+            self.entry.value = _written(value)
+        if self.from_page():
+            return  # the handle is where the hand is; an answer would pull it back
+        low, high = self.widget.min, self.widget.max
+        if isinstance(self.widget, W.FloatLogSlider):
+            low, high = 10.0**low, 10.0**high
+        self.widget.value = min(max(value, low), high)
+
+    def mark(self, refused):
+        """Mark the entry as refused, or not."""
+        (self.box.add_class if refused else self.box.remove_class)("smcaero-refused")
+
+
+class _Fold(W.VBox):
+    """A group that opens and closes; what is in it is sent to the page when it first opens."""
+
+    def __init__(self, title, block, rows, folded, shared):
+        self.rows, self.block = rows, block
+        plain = dict(layout=shared["layout"])
+        self.opener = W.ToggleButton(not folded, description=title, tooltip="Show or hide", **plain)
+        self.helper = W.ToggleButton(description="?", tooltip=f"What {title} is: equation, conditions, sources", **plain)
+        self.doc, self.body = W.HTMLMath(**plain), W.VBox(**plain)
+        head = W.HBox([self.opener, self.helper] if block else [self.opener], **plain)
+        for w, name in ((self.opener, "fold"), (self.helper, "help"), (self.doc, "doc"), (head, "head")):
+            w.add_class(f"smcaero-{name}")
+        super().__init__([head], **plain)
+        self.opener.observe(self.arrange, "value")
+        self.helper.observe(self.arrange, "value")
+        self.arrange()
+
+    def arrange(self, _=None):
+        """Show what is open."""
+        self.opener.icon = "caret-down" if self.opener.value else "caret-right"
+        if self.opener.value and not self.body.children:
+            self.body.children = self.rows
+        if self.helper.value and not self.doc.value:
+            self.doc.value = doc_html(self.block.__doc__)
+        self.children = [self.children[0], *[self.doc]*self.helper.value, *[self.body]*self.opener.value]
+
+
+class Mask(W.VBox):
+    """The form of a block or closed loop; made by `mask`.
+
+    Attributes
+    ----------
+    target : Block, Channels or ClosedLoop
+        As set now; ``mask.observe(f, "target")`` calls `f` after every change.
+    values : dict
+        {name: value} of what the form shows.
+    widgets, entries : dict
+        {name: slider or checkbox} and {name: text entry}.
+    choice : ipywidgets.Dropdown
+        Which of several loops.
+    """
+
+    target = traitlets.Any()
+
+    def __init__(self, target, include=None):
+        self.offered = dict(target) if isinstance(target, dict) else {"": target}
+        self._given = dict(self.offered)  # as they were, for reset
+        self._include, self._forms, self._lock, self._quiet = include, {}, threading.RLock(), False
+        self._page, self._status, self._body = Page(), W.HTML(), W.VBox()
+        self.choice = W.Dropdown(options=list(self.offered))
+        self._reset = W.Button(description="Reset", icon="undo", tooltip="Back to the values at the start")
+        head = W.HBox([self.choice, self._reset] if len(self.offered) > 1 else [self._reset])
+        super().__init__()
+        for w, name in ((self, "mask"), (head, "top"), (self.choice, "choice"), (self._body, "body"), (self._status, "status")):
+            w.add_class(f"smcaero-{name}")
+        self.children = [head, self._body, self._status, self._page]
+        self.choice.observe(lambda change: self._choose(change.old), "value")
+        self._reset.on_click(lambda _: self.reset())
+        self._choose()
+
+    @property
+    def values(self):
+        """{name: value} of what the form shows."""
+        now = _settable(self.target)
+        return {n: now[n][1] for n in self.widgets}
+
+    def set(self, **values):
+        """Set several values at once, with one notification.
+
+        Raises
+        ------
+        ParameterError
+            An unknown name, or a value that its metadata does not allow; nothing has changed then.
+        """
+        with self._lock:
+            self._put(self.target.with_(**values))
+
+    def reset(self):
+        """Go back to the values at the start."""
+        with self._lock:
+            self._put(self._given[self.choice.value].with_())  # a copy: observers hear of it even if nothing differs
+
+    def say(self, text="", refused=False):
+        """Show a message under the form; screen readers announce it."""
+        self._status.value = text and f'<span class="smcaero-{"bad" if refused else "good"}">{html.escape(text, quote=False)}</span>'
+
+    def _put(self, target):
+        """Show a target and tell the observers."""
+        self.offered[self.choice.value] = target
+        now = _settable(target)
+        with self._silent():
+            for n, row in self._rows.items():
+                row.show(now[n][1])
+        self.say()
+        self.target = target
+
+    @contextmanager
+    def _silent(self):
+        """Controls that change meanwhile ask for nothing."""
+        self._quiet = True
+        try:
+            yield
+        finally:
+            self._quiet = False
+
+    def _asked(self, name, value):
+        """A person moved a slider or typed: take the value, or say what is allowed."""
+        with self._lock:
+            if self._quiet:
+                return
+            try:
+                self._put(self.target.with_(**{name: value}))
+            except ParameterError as why:
+                self._rows[name].mark(True)
+                self.say(f"{why}. It stays at {_written(self.values[name])}.", refused=True)
+
+    def _choose(self, old=None):
+        """Show the form of the chosen loop; what was changed in the vehicle and its world comes along."""
+        with self._lock:
+            target = self.offered[self.choice.value]
+            if old is not None:
+                was, now, there = _settable(self._given[old]), _settable(self.offered[old]), _settable(target)
+                target = target.with_(**{n: v for n, (_, v, _) in now.items() if n in there and v != was[n][1]
+                                         and n.split("__")[0] in WORLD})
+            if self.choice.value not in self._forms:
+                self._forms[self.choice.value] = self._form(target)
+            self._rows, folds = self._forms[self.choice.value]
+            self.widgets = {n: row.widget for n, row in self._rows.items()}
+            self.entries = {n: row.entry for n, row in self._rows.items() if row.entry}
+            self._put(target)
+            self._body.children = folds
+
+    def _form(self, target):
+        """Rows {name: _Row} and groups of the form."""
+        known, include = _settable(target), self._include
+        for i in include or ():
+            if not any(n == i or n.startswith(f"{i}__") for n in known):
+                raise unknown("mask: include", i, known)
+        names = [n for n in known if include is None or any(n == i or n.startswith(f"{i}__") for i in include)]
+        shared = dict(layout=W.Layout(), slider=W.FloatSlider.style.klass(), text=W.Text.style.klass())
+        rows = {n: _Row(n, *known[n], self._asked, shared) for n in names}
+        said = {n: (f"{n.replace('__', ' ')} {known[n][0].unit}".removesuffix(" 1"), known[n][0].log) for n in names}
+        self._page.names = self._page.names | said
+        groups = [(title, b, [rows[n].box for n in group if n in rows], folded and include is None)
+                  for title, b, group, folded in _groups(target)]
+        return rows, [_Fold(*group, shared) for group in groups if group[2]]
+
+
+def mask(target, include=None):
+    """Make the form of a block or closed loop from the metadata of its parameters.
+
+    Parameters
+    ----------
+    target : Block, Channels, ClosedLoop or dict
+        ``{name: loop}`` offers a choice of loops.
+    include : sequence of str, optional
+        Names (``"law__rho"``) or stages (``"law"``) to show; default: all.
+
+    Returns
+    -------
+    Mask
+        A widget; its `target` is the block or loop as set.
+
+    Raises
+    ------
+    ParameterError
+        `include` names something that does not exist.
+
+    Examples
+    --------
+    >>> m = mask(smc.lv.loop("quasi_smc"))
+    >>> m.set(law__rho=3.0)
+    >>> m.target.stages["law"].values["rho"]
+    3.0
+    """
+    return Mask(target, include)

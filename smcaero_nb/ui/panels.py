@@ -1,0 +1,209 @@
+"""Pictures of runs: which curves, in which panels, drawn how."""
+
+from dataclasses import replace
+from itertools import zip_longest
+from typing import NamedTuple
+
+import numpy as np
+import plotly.graph_objects as go
+
+from ..core import Param
+from ..core.signal import flat
+from .words import UNKNOWN, measure, shown, symbol, unit_html
+
+__all__ = ["Curve", "draw", "metrics_html", "panels", "plot", "structure"]
+
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")  # Okabe and Ito: told apart by everybody
+DASHES = ("solid", "dash", "dashdot")
+NAMED = {"sigma": r"\sigma", "dy": r"\dot y"}
+ROW, GAP, TOP, BOTTOM = 112, 28, 30, 44  # px
+LAYOUT = dict(autosize=True, margin=dict(l=72, r=14, t=TOP, b=BOTTOM), template="plotly_white", font=dict(size=12, color="#222"),
+              hovermode="x", hoversubplots="axis", uirevision="kept")
+X_AXIS = dict(visible=True, title=dict(text="t [s]", standoff=4), showspikes=True, spikethickness=1, spikecolor="#999")
+Y_AXIS = dict(visible=True, nticks=5, exponentformat="e", zerolinecolor="#ccc", title_standoff=6)
+LEGEND = dict(orientation="h", xanchor="right", yanchor="bottom", font_size=11, bgcolor="rgba(0,0,0,0)")
+
+
+class Curve(NamedTuple):
+    """A curve: its name in `Live.curves`, its panel (row, column), metadata, and data as drawn."""
+
+    key: str
+    row: str
+    column: int
+    meta: Param
+    t: np.ndarray
+    y: np.ndarray
+    reference: bool = False
+
+    @property
+    def label(self):
+        """Symbol."""
+        name = self.key.partition("[")[0].rpartition(".")[2]
+        return symbol(self.meta.symbol or NAMED.get(name, name)).removesuffix("(0)")  # of a law's state: not at the start
+
+    @property
+    def unit(self):
+        """Unit as shown."""
+        return unit_html(shown(self.meta)[1])
+
+
+def _channels(signal, meta, many):
+    """The channels of a signal, each a list of (array, Param): the output, then its derivatives."""
+    metas = list(meta) if isinstance(meta, tuple) else [meta]
+    if many and isinstance(signal, tuple):
+        return [_channels(s, m, False)[0] for s, m in zip_longest(signal, metas[:len(signal)])]
+    parts = flat(signal)
+    return [[(s, m or Param()) for s, m in zip_longest(parts, metas[:len(parts)])]]
+
+
+def _extremes(t, y, low, high):
+    """A curve through the rows that goes by what lies between them: two points more a row, where chattering shows."""
+    a, b, low, high = y[:-1], y[1:], low[1:], high[1:]
+    dips, peaks = low < np.minimum(a, b), high > np.maximum(a, b)
+    first = np.where(peaks & ~(dips & (a < b)), high, np.where(dips, low, a + (b - a)/3))
+    second = np.where(peaks & dips, np.where(a < b, high, low), a + (b - a)*2/3)
+    step = np.diff(t)/3
+    return (np.append(t[0], np.column_stack([t[:-1] + step, t[1:] - step, t[1:]])),
+            np.append(y[0], np.column_stack([first, second, b])))
+
+
+def panels(run, states=()):
+    """The curves of a run: output against reference, rate, control and states, sliding variable, states of the law.
+
+    Parameters
+    ----------
+    run : Run
+    states : sequence of str
+        Plant states to draw: with the control if they have its unit, else in a panel of their own.
+
+    Returns
+    -------
+    list of Curve
+        In the order of the panels; one column for each channel of the output.
+    """
+    stages, t, curves = run.loop.stages, run.t, []
+    about = {s: run.loop.metadata(s) for s in ("y", "u", "sigma")}
+    if not stages["output"]:  # y = x
+        about["y"] = tuple(replace(m, symbol=m.symbol or n) for n, m in stages["plant"].states.items())
+    many = isinstance(run.y, tuple) and any(isinstance(q, tuple) for q in run.y)
+    outputs = _channels(run.y, about["y"], many)
+
+    def add(key, row, column, meta, y, *between, reference=False, number=None):
+        ts, ys = _extremes(t, y, *between) if between and len(t) > 1 else (t, y)
+        key += f"[{column if number is None else number}]"*(many or number is not None)
+        curves.append(Curve(key, row, column, meta, ts.astype(np.float32), (shown(meta)[0]*ys).astype(np.float32), reference))
+
+    for c, (ys, rs) in enumerate(zip(outputs, _channels(run.r, about["y"], many), strict=True)):
+        for row, key, (y, meta), r in zip(("output", "rate"), ("", "d"), ys, [*rs, None], strict=False):
+            add(f"{key}y", row, c, meta, y)
+            if r:
+                add(f"{key}r", row, c, meta, r[0], reference=True)
+    controls, = _channels(run.u, about["u"], False)
+    for i, ((y, meta), low, high) in enumerate(zip(controls, flat(run.low.u), flat(run.high.u), strict=True)):
+        add("u", "control", min(i, len(outputs) - 1), meta, y, low, high, number=i if len(controls) > 1 else None)
+    for n in states:
+        meta = stages["plant"].states[n]
+        add(f"x.{n}", "control" if meta.unit == controls[0][1].unit else f"states [{meta.unit}]", 0, meta, getattr(run.x, n))
+    if stages["surface"]:
+        s = [_channels(q, about["sigma"], many) for q in (run.sigma, run.low.sigma, run.high.sigma)]
+        for c, ((y, meta), (low, _), (high, _)) in enumerate(zip(*([q[0] for q in one] for one in s), strict=True)):
+            add("sigma", "sliding variable", c, meta, y, low, high)
+    if stages["law"]:
+        for c, (name, b) in enumerate(getattr(stages["law"], "parts", {None: stages["law"]}).items()):
+            for n, meta in b.states.items():
+                z = getattr(run.z.law, name) if name else run.z.law
+                add(f"law.{n}", "states of the law", c, meta, getattr(z, n))
+    return curves
+
+
+def structure(curves):
+    """What a figure must be built anew for, if it differs."""
+    return [(c.key, c.row, c.column, c.label, c.unit) for c in curves]
+
+
+def draw(runs):
+    """Traces and layout of a figure.
+
+    Parameters
+    ----------
+    runs : dict of str to list of Curve
+        What `panels` gave, by the name of the run.
+
+    Returns
+    -------
+    list of plotly.graph_objects.Scatter, dict
+    """
+    places = {}
+    for run, (name, curves) in enumerate(runs.items()):
+        for c in curves:
+            places.setdefault((c.row, c.column), []).append((run, name, c))
+    rows, columns = list(dict.fromkeys(r for r, _ in places)), 1 + max((c for _, c in places), default=0)
+    height, axes = max(len(rows)*(ROW + GAP) - GAP, ROW), {}
+    traces = []
+    for (row, column), here in places.items():
+        n = rows.index(row)
+        x, y = (str(i) if i > 1 else "" for i in (column + 1, 1 + n*columns + column))  # plotly writes x, x2, x3
+        traces += _traces(here, dict(xaxis=f"x{x}", yaxis=f"y{y}", legend=f"legend{y}"), len(runs) > 1, not traces)
+        units = {c.label: c.unit for *_, c in here if not c.reference}
+        title = ", ".join(units) + (next(iter(units.values())) if len(set(units.values())) == 1 else "")
+        left, right, top = (column + 0.08*(column > 0))/columns, (column + 1)/columns, 1 - n*(ROW + GAP)/height
+        axes |= {f"yaxis{y}": dict(domain=(max(top - ROW/height, 0.0), top), anchor=f"x{x}", title_text=title, **Y_AXIS),
+                 f"xaxis{x}": dict(domain=(left, right), anchor=f"y{y}", **X_AXIS),  # below the lowest panel
+                 f"legend{y}": dict(x=right, y=top, **LEGEND)}
+    return traces, dict(height=height + TOP + BOTTOM, **LAYOUT, **axes)
+
+
+def _traces(curves, place, several, first):
+    """Traces of one panel: of one run, told apart by dashes and colours, or of several, each in its colour."""
+    traces, told, ranks = [], set(), {}
+    mixed = len({c.unit for *_, c in curves if not c.reference}) > 1
+    for run, name, c in curves:
+        if c.reference and run:
+            continue  # drawn once
+        rank = ranks[run] = ranks.get(run, -1) + (not c.reference)
+        colour = COLOURS[(run if several else rank) % len(COLOURS)]
+        line = dict(color="#444", dash="dot") if c.reference else dict(color=colour, dash=DASHES[rank % len(DASHES)])
+        label = "reference" if c.reference else name if several and not rank else c.label + c.unit*mixed
+        tell = first or rank > 0 or c.reference if several else len(curves) > 1
+        traces.append(go.Scatter(x=c.t, y=c.y, mode="lines", name=label, meta=c.key, line=dict(width=1.5, **line), **place,
+                                 legendgroup=name if several and not c.reference else None, showlegend=tell and label not in told,
+                                 hovertemplate=f"{c.label} %{{y:.4g}}{c.unit}<extra>{name}</extra>"))
+        told.add(label)
+    return traces
+
+
+def plot(runs, states=()):
+    """Draw one run, or several over one another.
+
+    Parameters
+    ----------
+    runs : Run or dict of str to Run
+        ``{name: run}`` draws each in its colour.
+    states : sequence of str
+        Plant states to draw, with the control if they have its unit.
+
+    Returns
+    -------
+    plotly.graph_objects.Figure
+        The panels of `live`, as they are.
+
+    Examples
+    --------
+    >>> plot({law: smc.simulate(smc.lv.loop(law)) for law in ("pd", "quasi_smc")}, states=("beta",))
+    """
+    runs = runs if isinstance(runs, dict) else {"": runs}
+    traces, layout = draw({name: panels(run, states) for name, run in runs.items()})
+    return go.Figure(traces, layout)
+
+
+def metrics_html(run):
+    """The figures of merit of a run, as one line of HTML."""
+    m, (e, u, sigma) = run.metrics(), (flat(run.loop.metadata(s) or Param())[0] or Param() for s in ("e", "u", "sigma"))
+    per_second = f"{shown(u)[1]}/s".removeprefix("1")
+    said = {"J<sub>e</sub>": measure(m.J_e, 1.0, e.unit), "J<sub>u</sub>": measure(m.J_u, 1.0, u.unit),  # as papers give them
+            "max |u|": measure(m.max_u, *shown(u)), "tail |e|": measure(m.tail_e, *shown(e))}
+    if run.loop.stages["surface"]:
+        said |= {"tail |σ|": measure(m.tail_sigma, 1.0, sigma.unit), "reaching time": measure(m.reaching_time, 1.0, "s")}
+    said["chattering"] = f"{measure(m.variation_u, shown(u)[0], per_second)}, {measure(m.turns_u, 1.0, 'reversals/s')}"
+    spans = "".join(f"<span>{n} <b>{v}</b></span>" for n, v in said.items() if UNKNOWN not in v)
+    return f'<div class="smcaero-metrics">{spans}</div>'

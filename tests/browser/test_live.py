@@ -1,0 +1,201 @@
+"""Mask and live plot as a person uses them: keyboard, typing, reload, cancel, narrow windows, assistive technology."""
+
+import json
+import os
+
+import numpy as np
+import pytest
+
+pytestmark = pytest.mark.browser
+
+CELL = """import smcaero_nb as smc
+loops = {"quasi-SMC": "quasi_smc", "adaptive super-twisting": "adaptive_super_twisting", "PD": "pd"}
+picture = smc.ui.live({name: smc.lv.loop(law) for name, law in loops.items()}, states=("beta",))
+picture"""
+RESET = """picture._options["dt"] = None
+picture.mask.choice.value = "quasi-SMC"
+picture.mask.reset()
+picture.wait()"""
+FITS = """() => { const plot = document.querySelector('.js-plotly-plot'), box = plot.closest('.jp-OutputArea-output').getBoundingClientRect();
+                  const inside = e => { const r = e.getBoundingClientRect(); return r.width > 0 && r.left >= box.left - 1 && r.right <= box.right + 1 };
+                  return inside(plot.querySelector('.main-svg')) && inside(document.querySelector('.smcaero-mask'))
+                         && Math.abs(plot._fullLayout.width - plot.getBoundingClientRect().width) < 3 }"""
+
+
+@pytest.fixture(scope="module")
+def opened(notebook):
+    nb = notebook(CELL)
+    assert nb.run() == []
+    nb.curve("y")
+    return nb
+
+
+@pytest.fixture
+def nb(opened):
+    """The page with the live plot, as it is at the start."""
+    opened.errors.clear()
+    opened.page.set_viewport_size(dict(width=1400, height=1000))
+    opened.ask(RESET)
+    agrees(opened, "y")
+    yield opened
+    assert opened.errors == []
+
+
+def agrees(nb, key):
+    """Wait until the page has the kernel's curve; (values, SVG path)."""
+    wanted = json.loads(nb.ask(f"import json; picture.wait(); print(json.dumps(picture.curves['{key}'].y.tolist()))"))
+    nb.page.wait_for_function("([curve, key, wanted]) => eval(curve)(key).y?.every((v, i) => v === wanted[i])", arg=[nb.CURVE, key, wanted])
+    return nb.curve(key)
+
+
+def changed(nb, key, before):
+    """Wait until a curve differs from what it was, and agrees with the kernel; (values, SVG path)."""
+    nb.page.wait_for_function("([curve, key, before]) => eval(curve)(key).y?.some((v, i) => v !== before[i])", arg=[nb.CURVE, key, before])
+    return agrees(nb, key)
+
+
+def test_slider_moves_the_curve(nb):
+    before, path = nb.curve("y")
+    handle = nb.slider("law__rho")
+    assert float(handle.get_attribute("aria-valuenow")) == 2.0
+    for _ in range(4):
+        handle.press("ArrowRight")
+    after, moved = changed(nb, "y", before)
+    assert float(handle.get_attribute("aria-valuenow")) == 2.2 and nb.entry("law__rho").input_value() == "2.2"
+    assert path != moved  # what is drawn, not only the data
+    assert max(abs(np.subtract(before, after))) > 0.01
+    assert float(nb.ask("print(picture.loop.stages['law'].values['rho'])")) == 2.2
+
+
+def test_drag_ends_where_the_slider_is(nb):
+    before, _ = nb.curve("u")
+    box = nb.slider("law__eps").bounding_box()
+    x, y = box["x"] + box["width"]/2, box["y"] + box["height"]/2
+    nb.page.mouse.move(x, y)
+    nb.page.mouse.down()
+    for i in range(1, 60):
+        nb.page.mouse.move(x + 40*np.sin(i/6), y)
+    nb.page.mouse.up()
+    nb.page.wait_for_function("""() => { const row = document.querySelector('.smcaero-set-law__eps');
+        return Math.abs(Math.log10(row.querySelector('input').value) - row.querySelector('[role=slider]').ariaValueNow) < 0.005 }""")
+    shown = float(nb.entry("law__eps").input_value())
+    assert shown == float(nb.ask("print(picture.loop.stages['law'].values['eps'])")) != 0.25
+    changed(nb, "u", before)
+
+
+def test_nonsense_is_answered_in_words(nb):
+    before, _ = nb.curve("y")
+    entry = nb.entry("law__rho")
+    for text in ("-5", "abc", "1e999", "nan", "", "1,5"):
+        entry.fill(text)
+        entry.press("Enter")
+        said = nb.said(f"rho = {text!r}" if text in ("abc", "", "1,5") else f"rho = {float(text):g}")
+        assert "it must be a finite number, at least 0 [v]. It stays at 2." in said
+        nb.page.wait_for_function("() => document.querySelector('.smcaero-set-law__rho input').getAttribute('aria-invalid') === 'true'")
+    status = nb.page.locator(".smcaero-status")
+    assert status.get_attribute("aria-live") == "polite" and status.get_attribute("role") == "status"
+    assert nb.curve("y")[0] == before
+    entry.fill("0.2")
+    entry.press("Enter")
+    assert "θ left its limit of 573 deg; the curves are those of the last good setting" in nb.said("diverged at")
+    assert nb.curve("y")[0] == before
+    nb.page.locator(".smcaero-top button").click()
+    nb.page.wait_for_function("() => document.querySelector('.smcaero-set-law__rho input').value === '2'")
+    nb.page.wait_for_function("() => document.querySelector('.smcaero-status').textContent === ''")
+    assert entry.get_attribute("aria-invalid") == "false"
+    assert nb.page.locator(".jp-RenderedText[data-mime-type='application/vnd.jupyter.stderr']").count() == 0
+
+
+def test_page_loaded_anew_shows_what_is_set(nb):
+    before, _ = nb.curve("y")
+    entry = nb.entry("law__rho")
+    entry.fill("3.017")  # between two steps of the slider
+    entry.press("Enter")
+    now, _ = changed(nb, "y", before)
+    nb.page.evaluate(nb.SAVE)
+    nb.page.goto(nb.page.url.replace("&reset", "").replace("?reset", ""))
+    nb.page.reload()
+    nb.ready()
+    again, path = nb.curve("y")
+    assert again == now and path
+    nb.page.wait_for_function("() => document.querySelector('.smcaero-set-law__rho input').value === '3.017'")
+    assert abs(float(nb.slider("law__rho").get_attribute("aria-valuenow")) - 3.017) <= 0.025
+    assert float(nb.ask("print(picture.loop.stages['law'].values['rho'])")) == 3.017
+    nb.slider("law__rho").press("ArrowRight")
+    changed(nb, "y", now)
+
+
+def test_long_run_is_cancelled_from_the_page(nb):
+    before, _ = nb.curve("y")
+    nb.ask("picture._options['dt'] = 1e-8")  # minutes
+    nb.slider("law__rho").press("ArrowRight")
+    cancel = nb.page.locator(".smcaero-busy button")
+    cancel.wait_for()
+    nb.page.wait_for_function("() => parseFloat(document.querySelector('.smcaero-busy .progress-bar').style.width) > 0")
+    assert nb.ask("print(picture._worker.idle.is_set())") == "False"  # the kernel answers meanwhile
+    nb.slider("law__rho").press("ArrowRight")  # the newest setting takes the place of the one at work
+    cancel.click()
+    assert "the curves are those of the last good setting" in nb.said("Cancelled")
+    cancel.wait_for(state="hidden")
+    assert nb.ask("print(picture._worker.idle.is_set(), picture.loop.stages['law'].values['rho'])") == "True 2.1"
+    assert nb.curve("y")[0] == before
+    nb.ask("picture._options['dt'] = None")
+    nb.slider("law__rho").press("ArrowRight")
+    changed(nb, "y", before)
+
+
+def test_choice_of_loops(nb):
+    before, _ = nb.curve("y")
+    for name, there, gone in (("PD", "law__k_p", "law__rho"), ("adaptive super-twisting", "law__gamma", "law__k_p")):
+        nb.page.locator(".smcaero-choice select").select_option(name)
+        nb.page.locator(f".smcaero-set-{there}").wait_for()
+        assert nb.page.locator(f".smcaero-set-{gone}").count() == 0
+        before, _ = changed(nb, "y", before)
+    agrees(nb, "law.lam")
+    nb.page.wait_for_function(FITS)
+
+
+def test_nothing_is_clipped(nb):
+    for width, name in ((1400, "PD"), (900, "adaptive super-twisting"), (1900, "quasi-SMC"), (900, "PD"), (1400, "adaptive super-twisting")):
+        nb.page.set_viewport_size(dict(width=width, height=1000))
+        nb.page.locator(".smcaero-choice select").select_option(name)
+        agrees(nb, "y")
+        nb.page.wait_for_function(FITS)
+    side = nb.page.locator(".smcaero-mask").bounding_box()
+    assert side["width"] <= 420 and side["x"] + side["width"] <= nb.page.locator(".js-plotly-plot").bounding_box()["x"]
+    nb.page.set_viewport_size(dict(width=900, height=1000))
+    nb.page.wait_for_function(FITS)
+    side = nb.page.locator(".smcaero-mask").bounding_box()
+    assert side["y"] + side["height"] <= nb.page.locator(".js-plotly-plot").bounding_box()["y"]  # one above the other
+
+
+def test_picture_for_the_readme(nb):
+    nb.page.locator(".smcaero-choice select").select_option("adaptive super-twisting")
+    agrees(nb, "law.lam")
+    nb.page.set_viewport_size(dict(width=1500, height=1100))
+    nb.page.wait_for_function(FITS)
+    nb.page.mouse.move(5, 5)
+    picture = nb.page.locator(".smcaero-live").screenshot(path=os.environ.get("SMCAERO_SCREENSHOT"))
+    assert picture[:8] == b"\x89PNG\r\n\x1a\n" and len(picture) > 20_000
+
+
+def test_mask_is_accessible(nb):
+    from axe_playwright_python.sync_playwright import Axe
+
+    folds = nb.page.locator(".smcaero-fold")
+    for i in range(folds.count()):
+        if folds.nth(i).get_attribute("aria-expanded") == "false":
+            folds.nth(i).press("Enter")
+    for i in range(nb.page.locator(".smcaero-help").count()):
+        nb.page.locator(".smcaero-help").nth(i).press("Enter")
+    nb.page.locator(".smcaero-doc mjx-container").first.wait_for()
+    nb.page.locator(".smcaero-set-plant__deta input[aria-label]").wait_for()
+    nb.entry("law__rho").fill("abc")
+    nb.entry("law__rho").press("Enter")
+    nb.said("not allowed")
+    for name in ("law__rho", "law__eps", "plant__I"):
+        assert nb.slider(name).get_attribute("aria-label").split()[:2] == name.split("__")
+    # the value of the step next to 0.25, not its logarithm
+    nb.page.wait_for_function("() => document.querySelector('.smcaero-set-law__eps [role=slider]').ariaValueText === '0.251'")
+    found = Axe().run(nb.page, context=".smcaero-mask", options={"runOnly": ["wcag2a", "wcag2aa"]}).response["violations"]
+    assert {v["id"]: [n["html"][:200] for n in v["nodes"]] for v in found} == {}
