@@ -10,7 +10,7 @@ from hypothesis import settings
 
 import smcaero_nb as smc
 
-settings.register_profile("kit", deadline=None, derandomize=True, max_examples=60)
+settings.register_profile("kit", deadline=None, derandomize=True, database=None, max_examples=60)
 settings.load_profile("kit")
 
 

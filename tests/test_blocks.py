@@ -415,6 +415,8 @@ def test_the_output_follows_the_plant_in_what_they_share():
     loop = ClosedLoop(plant, output=output)
     assert loop.p["output"] == (2.0, 0.5)
     assert simulate(loop.with_(plant__k=3.0, output__offset=0.0), 1.0, 1.0, jit=False).y[0] == 3.0
+    with pytest.raises(ParameterError, match="k of the output follows the plant; set plant__k"):
+        loop.with_(output__k=1.0)
 
 
 # ---- channels --------------------------------------------------------------------------------------------------------

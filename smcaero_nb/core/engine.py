@@ -78,6 +78,9 @@ class ClosedLoop:
             An unknown stage or name, or a value that its metadata does not allow.
         """
         own = {k: changes.pop(k, getattr(self, k)) for k in ("duration", "dt", "tau", "name")}
+        for name in getattr(changes.get("plant", self.stages["plant"]), "params", ()):
+            if f"output__{name}" in changes:
+                raise ParameterError(f"ClosedLoop: {name} of the output follows the plant; set plant__{name}")
         return ClosedLoop(**routed("ClosedLoop", self.stages, changes), **own)
 
     def settable(self):
@@ -431,7 +434,7 @@ class Run:
     r, y, e, e_hat, sigma, v, u, d : ndarray or nested tuple of ndarray
         Signals of the pipeline; the sampled ones as held at that time.
     x, z : namespace
-        Named states: ``run.x.theta``, ``run.z.law.lam``, ``run.z.law.attitude.rho``.
+        Named states: ``run.x.theta``, ``run.z.law.lam``, ``run.z.law.attitude.rho``; `z` as the latest sample left it.
     low, high : namespace
         Least and greatest value of `sigma` and `u` since the row before: what chattering reaches between rows.
     mean_e, mean_u : float or nested tuple
@@ -498,8 +501,8 @@ def simulate(loop, duration=None, dt=None, tau=None, *, method="euler", record=2
     ----------
     loop : ClosedLoop
     duration, dt, tau : float
-        Simulated time, integration step, sampling step (a multiple of `dt`; default `dt`) [s]; what the loop itself
-        says, where not given.
+        Simulated time (to the nearest step), integration step, sampling step (a multiple of `dt`; default `dt`) [s];
+        what the loop itself says, where not given.
     method : str
         ``"euler"``, ``"midpoint"`` or ``"rk4"``.
     record : int

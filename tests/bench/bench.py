@@ -35,14 +35,15 @@ def seconds(f):
 def in_c(folder, name, *flags):
     """The loop in C, compiled now, as a function of arrays."""
     library = pathlib.Path(folder)/f"{name}.so"
-    subprocess.run(["gcc", "-O3", "-march=native", "-ffp-contract=off", "-shared", "-fPIC", *flags, str(SOURCE), "-o", str(library),
-                    "-lm"], check=True)
+    subprocess.run(["gcc", "-O3", "-march=native", "-ffp-contract=off", "-shared", "-fPIC", *flags, str(SOURCE),
+                    "-o", str(library), "-lm"], check=True)
     array, whole = ctypes.POINTER(ctypes.c_double), ctypes.c_long
     f = ctypes.CDLL(str(library)).run
     f.argtypes, f.restype = [array, ctypes.c_double, whole, whole, whole, array, array], whole
 
     def run(parameters, n, rec, sums):
-        return f(parameters.ctypes.data_as(array), DT, n, n//ROWS, int(0.8*n), rec.ctypes.data_as(array), sums.ctypes.data_as(array))
+        return f(parameters.ctypes.data_as(array), DT, n, n//ROWS, int(0.8*n), rec.ctypes.data_as(array),
+                 sums.ctypes.data_as(array))
     return run
 
 
