@@ -14,7 +14,7 @@ from numba import float64, njit
 from numba.core import event
 
 import smcaero_nb as smc
-from smcaero_nb import ClosedLoop, block, simulate
+from smcaero_nb import ClosedLoop, Param, block, simulate
 from smcaero_nb.core import cache
 from smcaero_nb.core.cache import cache_folder, compiled, fingerprint, kept
 
@@ -341,6 +341,29 @@ def test_a_comment_or_another_name_of_the_same_thing_changes_nothing():
     b = cell("K = 2.0\n\n@block\ndef law(sigma):\n    # twice\n    return K*sigma")["law"]
     assert fingerprint(a.f) == fingerprint(b.f)
     assert fingerprint(a.f) != fingerprint(cell("K = 2.0\n@block\ndef law(sigma): return K*sigma*1.0")["law"].f)
+
+
+def test_limits_and_kinds_are_compiled_in_and_the_rest_of_the_metadata_is_not():
+    def motion(x, k=1.0):
+        return (k*x[0],)
+
+    def typed(annotation, default, output=None):
+        def law(sigma, k=default):
+            return k*sigma
+        law.__annotations__ = {"k": annotation} | ({"return": output} if output else {})
+        return block(law).content()
+
+    def with_state(initial, **meta):
+        return block(state=dict(s=(initial, Param(**meta))))(motion).content()
+
+    plain = with_state(0.0)
+    assert plain == with_state(1.0, symbol="s", unit="m", help="words", slider=(0.0, 1.0), log=True)
+    assert len({repr(c) for c in (plain, with_state(0.0, low=-1.0), with_state(0.0, high=1.0), with_state(0.0, high=2.0))}) == 4
+    assert block(state=dict(other=0.0))(motion).content() != plain
+    assert typed(float, 1.0) == typed(Param("k", low=-9.0, high=9.0), 2.0)
+    limited = [typed(float, 1.0, Param("v", high=h)) for h in (1.0, 2.0)]
+    assert len({repr(c) for c in (typed(float, 1.0), typed(int, 1), typed(bool, True), *limited)}) == 5
+    assert typed(float, 1.0, Param("v", "N", help="words")) == typed(float, 1.0, Param("w"))
 
 
 @pytest.mark.parametrize("pair", [("1", "1.0"), ("1", "True"), ("0.0", "-0.0"), ("'a'", "b'a'"), ("(1,)", "(1.0,)")])

@@ -206,7 +206,8 @@ class _Writer:
 
         limits = _inside("y", self.shapes["y"], loop.metadata("y"))
         limits += [q for n, m in zip(self.x, loop.stages["plant"].states.values(), strict=True) for q in _inside(n, None, m)]
-        driven = dict.fromkeys(names["sigma"] + names["v"] + u)  # a NaN ends the run before it is recorded or summed
+        estimates = names["e_hat"] if loop.stages["differentiator"] else []
+        driven = dict.fromkeys([*estimates, *names["sigma"], *names["v"], *u, *self.z])  # a NaN ends the run unrecorded
         parts["inside"] = " and ".join([f"{' + '.join(f'abs({q})' for q in [*self.x, *e, *names['d']])} <= {LIMIT!r}", *limits])
         parts["driven"] = f"{' + '.join(f'abs({q})' for q in driven)} <= {LIMIT!r}"
         parts["watch"] = [line for q in u for line in (

@@ -24,15 +24,14 @@ KEPT = "the curves are those of the last good setting"
 
 
 class _Figure(go.FigureWidget):
-    """A figure whose curves may change from any thread, and which a page that is loaded anew finds as it is now.
+    """A figure whose curves may change from any thread, and which a page finds as it is now, whenever it loads.
 
-    plotly gives its traces and layout to the page at construction only, and loses an update that is sent while a
-    message of the page is handled in another thread.
+    plotly gives its traces and layout to the page at construction only, loses what is sent before the page has loaded
+    its code, and loses an update that is sent while a message of the page is handled in another thread.
     """
 
     def __init__(self, *args, **kwargs):
         self._turn = threading.RLock()
-        self._built = []
         super().__init__(*args, **kwargs)
         self._config = {"responsive": True, "displaylogo": False}
 
@@ -48,20 +47,18 @@ class _Figure(go.FigureWidget):
             super().set_state(sync_data)
 
     def show_curves(self, curves):
-        """Draw the curves, in one message if the panels stay as they are."""
+        """Draw other curves in the same panels, in one message."""
+        with self._turn, self.batch_update():
+            for trace, c in zip(self.data, curves, strict=True):
+                if len(trace.x) != len(c.t) or trace.x[-1] != c.t[-1]:
+                    trace.x = c.t
+                trace.y = c.y
+
+    def repeat(self):
+        """Send the curves again, to a page that may have lost some while it loaded."""
         with self._turn:
-            if structure(curves) != self._built:
-                traces, layout = draw({"": curves})
-                self.data = []
-                self.add_traces(traces)
-                self.layout = layout
-                self._built = structure(curves)
-                return
-            with self.batch_update():
-                for trace, c in zip(self.data, curves, strict=True):
-                    if len(trace.x) != len(c.t) or trace.x[-1] != c.t[-1]:
-                        trace.x = c.t
-                    trace.y = c.y
+            if self.data:
+                self._send_restyle_msg({n: [t[n] for t in self.data] for n in ("x", "y")}, list(range(len(self.data))))
 
 
 class Live(W.Box):
@@ -84,6 +81,7 @@ class Live(W.Box):
     def __init__(self, loops, duration, dt, tau, states, include):
         self._options = dict(duration=duration, dt=dt, tau=tau, record=ROWS)
         self.mask, self.figure, self._states = Mask(loops, include), _Figure(layout=EMPTY), states
+        self._built = []  # the panels of the figure
         self.run, self.status, self._drawn = None, "", None  # _drawn: which of the loops the curves are of
         for loop in self.mask.offered.values():
             for n in states:
@@ -96,9 +94,10 @@ class Live(W.Box):
         self._busy = W.HBox([self._bar, self._stop], layout=W.Layout(visibility="hidden"))
         self._busy.add_class("smcaero-busy")
         self.mask.children = [*self.mask.children, self._busy]
-        side = W.VBox([self._metrics, self.figure])
-        side.add_class("smcaero-plot")
-        super().__init__([self.mask, side])
+        self._side = W.VBox([self._metrics, self.figure])
+        self._side.add_class("smcaero-plot")
+        super().__init__([self.mask, self._side])
+        self.mask.on_drawn(lambda: self.figure.repeat())
         self.add_class("smcaero-live")
         self._worker = Newest(self._work, self._rest)
         self.mask.observe(self._ask, "target")
@@ -169,12 +168,21 @@ class Live(W.Box):
             text = "" if good else f"{why_diverged(run)}; {'the curves end there' if first else KEPT}."
             if good or first:
                 self._drawn, self.run, self._metrics.value = choice, run, metrics_html(run)
-                self.figure.show_curves(panels(run, self._states))
+                self._show(panels(run, self._states))
         except Dropped as why:
             text = f"Cancelled; {KEPT}." if why.args == ("cancelled",) else ""
         except Exception as why:  # a block may raise anything: a person reads it, and the page goes on
             text = f"{why if isinstance(why, (ParameterError, BlockError)) else f'{type(why).__name__}: {why}'}; {KEPT}."
         self._say(text, refused=True)
+
+    def _show(self, curves):
+        """Draw the curves; other panels need another figure, because a page may lose traces that are added later."""
+        if structure(curves) == self._built:
+            self.figure.show_curves(curves)
+        else:
+            old, self.figure, self._built = self.figure, _Figure(go.Figure(*draw({"": curves}))), structure(curves)
+            self._side.children = [self._metrics, self.figure]
+            old.close()
 
     def _say(self, text, refused=False):
         if text != self.status:

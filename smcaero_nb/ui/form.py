@@ -53,8 +53,8 @@ def _groups(target):
     if isinstance(target, ClosedLoop):
         stages = {f"{s}__": target.stages[s] for s in DESIGN + WORLD}
     blocks = [q for prefix, b in stages.items() for q in _blocks(prefix, b)]
-    groups = [(": ".join(filter(None, (" ".join(p.split("__")[:-1]), b.name.replace("_", " ")))), b, [f"{p}{n}" for n in b.params],
-               p.startswith(WORLD)) for p, b in blocks]
+    groups = [(": ".join(filter(None, (" ".join(p.split("__")[:-1]), b.name.replace("_", " ")))), b,
+               [f"{p}{n}" for n in b.params], p.startswith(WORLD)) for p, b in blocks]
     return [*groups, ("initial state", None, [f"{p}{n}" for p, b in reversed(blocks) for n in b.states], True)]
 
 
@@ -236,7 +236,12 @@ class Mask(W.VBox):
 
     def say(self, text="", refused=False):
         """Show a message under the form; screen readers announce it."""
-        self._status.value = text and f'<span class="smcaero-{"bad" if refused else "good"}">{html.escape(text, quote=False)}</span>'
+        kind = "bad" if refused else "good"
+        self._status.value = text and f'<span class="smcaero-{kind}">{html.escape(text, quote=False)}</span>'
+
+    def on_drawn(self, f):
+        """Call `f` whenever a page has drawn a new plot beside this mask."""
+        self._page.on_msg(lambda *_: f())
 
     def _put(self, target):
         """Show a target and tell the observers."""

@@ -1,7 +1,7 @@
 // What ipywidgets and plotly leave out in the page.
 function render({ model, el }) {
   el.style.display = "none";
-  let observer, fitter, timer;
+  let observer, fitter, timer, watch;
 
   const start = () => {
     const mask = el.closest(".smcaero-mask");
@@ -39,12 +39,19 @@ function render({ model, el }) {
       delete plot.layout.width;  // a changed height has fixed it
       window.dispatchEvent(new Event("resize"));
     };
+    // What the kernel sent while plotly was loading is lost: say when a plot is there, so that it sends the curves again.
+    let seen;
+    const drawn = () => {
+      const plot = live.querySelector(".js-plotly-plot");
+      if (plot && plot._fullLayout && plot !== seen) { seen = plot; model.send({ drawn: true }); }
+    };
     if (live) {
       fitter = new ResizeObserver(fit);
       fitter.observe(live);
+      watch = setInterval(drawn, 200);
     }
   };
   start();
-  return () => { clearTimeout(timer); observer?.disconnect(); fitter?.disconnect(); };
+  return () => { clearTimeout(timer); clearInterval(watch); observer?.disconnect(); fitter?.disconnect(); };
 }
 export default { render };

@@ -29,7 +29,7 @@ long run(const double *P, double dt, long n, long every, long k_tail, double *re
         double s = ed + c1*e + c0*ie, v = rho*s/(fabs(s) + eps), u = v/G0;
         ie += dt*e;
 #ifndef BARE
-        if (!(fabs(s) + fabs(v) + fabs(u) <= 1e12)) break;
+        if (!(fabs(s) + fabs(v) + fabs(u) + fabs(ie) <= 1e12)) break;
         double step = u - held;
         if (step != 0) {
             tv += fabs(step);

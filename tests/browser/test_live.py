@@ -16,8 +16,10 @@ RESET = """picture._options["dt"] = None
 picture.mask.choice.value = "quasi-SMC"
 picture.mask.reset()
 picture.wait()"""
-FITS = """() => { const plot = document.querySelector('.js-plotly-plot'), box = plot.closest('.jp-OutputArea-output').getBoundingClientRect();
-                  const inside = e => { const r = e.getBoundingClientRect(); return r.width > 0 && r.left >= box.left - 1 && r.right <= box.right + 1 };
+FITS = """() => { const plot = document.querySelector('.js-plotly-plot');
+                  const box = plot.closest('.jp-OutputArea-output').getBoundingClientRect();
+                  const inside = e => { const r = e.getBoundingClientRect();
+                                        return r.width > 0 && r.left >= box.left - 1 && r.right <= box.right + 1 };
                   return inside(plot.querySelector('.main-svg')) && inside(document.querySelector('.smcaero-mask'))
                          && Math.abs(plot._fullLayout.width - plot.getBoundingClientRect().width) < 3 }"""
 
@@ -44,13 +46,15 @@ def nb(opened):
 def agrees(nb, key):
     """Wait until the page has the kernel's curve; (values, SVG path)."""
     wanted = json.loads(nb.ask(f"import json; picture.wait(); print(json.dumps(picture.curves['{key}'].y.tolist()))"))
-    nb.page.wait_for_function("([curve, key, wanted]) => eval(curve)(key).y?.every((v, i) => v === wanted[i])", arg=[nb.CURVE, key, wanted])
+    nb.page.wait_for_function("([curve, key, wanted]) => eval(curve)(key).y?.every((v, i) => v === wanted[i])",
+                              arg=[nb.CURVE, key, wanted])
     return nb.curve(key)
 
 
 def changed(nb, key, before):
     """Wait until a curve differs from what it was, and agrees with the kernel; (values, SVG path)."""
-    nb.page.wait_for_function("([curve, key, before]) => eval(curve)(key).y?.some((v, i) => v !== before[i])", arg=[nb.CURVE, key, before])
+    nb.page.wait_for_function("([curve, key, before]) => eval(curve)(key).y?.some((v, i) => v !== before[i])",
+                              arg=[nb.CURVE, key, before])
     return agrees(nb, key)
 
 
@@ -77,7 +81,8 @@ def test_drag_ends_where_the_slider_is(nb):
         nb.page.mouse.move(x + 40*np.sin(i/6), y)
     nb.page.mouse.up()
     nb.page.wait_for_function("""() => { const row = document.querySelector('.smcaero-set-law__eps');
-        return Math.abs(Math.log10(row.querySelector('input').value) - row.querySelector('[role=slider]').ariaValueNow) < 0.005 }""")
+        const there = row.querySelector('[role=slider]').ariaValueNow;
+        return Math.abs(Math.log10(row.querySelector('input').value) - there) < 0.005 }""")
     shown = float(nb.entry("law__eps").input_value())
     assert shown == float(nb.ask("print(picture.loop.stages['law'].values['eps'])")) != 0.25
     changed(nb, "u", before)
@@ -91,7 +96,7 @@ def test_nonsense_is_answered_in_words(nb):
         entry.press("Enter")
         said = nb.said(f"rho = {text!r}" if text in ("abc", "", "1,5") else f"rho = {float(text):g}")
         assert "it must be a finite number, at least 0 [v]. It stays at 2." in said
-        nb.page.wait_for_function("() => document.querySelector('.smcaero-set-law__rho input').getAttribute('aria-invalid') === 'true'")
+        nb.page.wait_for_function("() => document.querySelector('.smcaero-set-law__rho input').ariaInvalid === 'true'")
     status = nb.page.locator(".smcaero-status")
     assert status.get_attribute("aria-live") == "polite" and status.get_attribute("role") == "status"
     assert nb.curve("y")[0] == before
@@ -156,7 +161,8 @@ def test_choice_of_loops(nb):
 
 
 def test_nothing_is_clipped(nb):
-    for width, name in ((1400, "PD"), (900, "adaptive super-twisting"), (1900, "quasi-SMC"), (900, "PD"), (1400, "adaptive super-twisting")):
+    for width, name in ((1400, "PD"), (900, "adaptive super-twisting"), (1900, "quasi-SMC"), (900, "PD"),
+                        (1400, "adaptive super-twisting")):
         nb.page.set_viewport_size(dict(width=width, height=1000))
         nb.page.locator(".smcaero-choice select").select_option(name)
         agrees(nb, "y")
