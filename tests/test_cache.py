@@ -318,6 +318,15 @@ def test_a_cell_that_is_run_again_is_never_stale(what):
     assert value(first) != value(second) or "type" in what
 
 
+@pytest.mark.parametrize("wrap", ["", "@njit\n"])
+def test_a_constant_that_is_changed_while_the_functions_stay_is_seen(wrap):
+    names = cell(f"from numba import njit\nK = 2.0\n{wrap}def helper(s): return K*s" + LAW("K*helper(sigma)"))
+    seen = []
+    for names["K"] in (2.0, 3.0, 2.0):
+        seen.append(value(names["law"]))
+    assert seen == [4.0, 9.0, 4.0]
+
+
 def test_a_module_attribute_that_is_changed_is_seen():
     cfg = types.ModuleType("cfg")
     cfg.inner = types.ModuleType("cfg.inner")

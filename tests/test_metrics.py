@@ -52,6 +52,16 @@ def test_reaching_time_of_a_relay_is_exact_to_a_row():
     assert reaching_time(simulate(loop, 1.0, 1/64, jit=False), band=0.25) == [math.inf]
 
 
+def test_reaching_time_is_the_same_from_either_side_and_its_default_band_is_twice_the_tail():
+    loop = ClosedLoop(falls, output=minus, law=smc.smc1.sign_smc.with_(rho=0.7))
+    down, up = (simulate(loop.with_(plant__s=s), 4.0, 1/64, record=256, jit=False) for s in (1.0, -1.0))
+    assert down.tail_sigma == up.tail_sigma > 0.0
+    for band in (0.5, 2*up.tail_sigma):
+        assert reaching_time(down, band) == reaching_time(up, band)
+    assert reaching_time(up) == reaching_time(up, 2*up.tail_sigma) != reaching_time(up, 3*up.tail_sigma)
+    assert reaching_time(up, 0.999*up.tail_sigma) == [math.inf]
+
+
 def test_a_band_is_judged_on_every_step_not_on_the_rows():
     @block(state=dict(k=0.0))
     def spikes(e, z):
