@@ -205,7 +205,7 @@ def polynomial(c, integral=True, derivative=False):
     def hurwitz(values):
         c = tuple(values[n] for n in names)
         roots = np.roots([1.0, *c])
-        if len(roots) < len(c) or any(roots.real >= 0.0):
+        if any(q.real >= -1e-9*abs(q) for q in roots):
             return (f"c = {c} is not allowed; the polynomial with 1 before them must be Hurwitz, but it has the roots "
                     f"{', '.join(f'{q:.3g}' for q in roots)}")
 

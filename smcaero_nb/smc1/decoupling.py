@@ -55,22 +55,19 @@ def decoupling(G0):
     ParameterError
         Not a square matrix of at most 4 x 4 finite numbers, or a singular one.
 
-    Warns
-    -----
-    UserWarning
-        A nearly singular matrix of numbers: condition number above 1e8, its rows and columns scaled to 1.
-
     Notes
     -----
-    The equations are solved at every sample by elimination with row exchanges. A function is called at every sample and
-    not looked at before: where it is exactly singular u is not a number, and the run ends there with `Run.diverged_at`;
-    where it is nearly singular u is large, which `Run.max_u` shows.
+    The equations are solved at every sample by elimination with row exchanges. A matrix of numbers warns (`UserWarning`)
+    where it is nearly singular: condition number above 1e8 with its rows and columns scaled to 1. A function is called at
+    every sample and not looked at before: where it is exactly singular u is not a number, and the run ends there with
+    `Run.diverged_at`; where it is nearly singular u is large, which `Run.max_u` shows.
 
     With another input matrix G in the plant, (I - G G0^-1) v is added to xi. Unit vector control holds it if
     ``(G - G0) G0^-1`` is less than gamma < 1 in norm and rho > L/(1 - gamma); laws channel by channel, of equal gains, if
     each of its rows sums to less than gamma in absolute value. Erratum: (A1) puts the bound on ``G0^-1 (G - G0)``, which
     does not suffice: with G0 = ((1, 4), (0, 1)) and G = G0 + ((2, 0), (0.5, 0)) that matrix has the row sums 0 and 0.5,
-    and yet sign control channel by channel drives sigma away, whatever its gain.
+    and yet sign control channel by channel drives sigma away, whatever its gain. Erratum of (11): the term e^(r) on its
+    right is not there, for it is what xi - G0 u replaces.
 
     References
     ----------

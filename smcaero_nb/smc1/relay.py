@@ -5,7 +5,7 @@ from typing import Annotated
 
 from ..core import Param, block
 
-__all__ = ["Layer", "Rho", "quasi_smc", "saturation_smc", "sign", "sign_smc", "tanh_smc"]
+__all__ = ["quasi_smc", "saturation_smc", "sign", "sign_smc", "tanh_smc"]
 
 Rho = Annotated[float, Param(r"\rho", "[v]", low=0.0, help="gain, larger than the bound of the perturbation", slider=(0.0, 10.0))]
 Layer = Annotated[float, Param(r"\varepsilon", "[sigma]", low=1e-9, log=True, slider=(1e-3, 10.0),
@@ -14,7 +14,7 @@ Layer = Annotated[float, Param(r"\varepsilon", "[sigma]", low=1e-9, log=True, sl
 
 def sign(s):
     """Sign of a number; 0 at 0."""
-    return (s > 0.0)*1.0 - (s < 0.0)*1.0
+    return 1.0 if s > 0.0 else -1.0 if s < 0.0 else 0.0
 
 
 @block
@@ -41,7 +41,8 @@ def sign_smc(sigma, rho: Rho = 2.0) -> Param("v"):
     stays within about tau (rho + L), and v switches every few samples. Behind an actuator it is a limit cycle.
 
     With several inputs, R = diag(rho_i) is one such law a channel: ``channels(a=sign_smc.with_(rho=2.0),
-    b=sign_smc.with_(rho=3.0))``, each rho_i larger than the bound of its own xi_i.
+    b=sign_smc.with_(rho=3.0))``, each rho_i larger than the bound of its own xi_i. Erratum: the paper's text calls these
+    bounds Lipschitz constants; they bound xi itself, as its (A2) says.
 
     References
     ----------

@@ -1,4 +1,4 @@
-r"""Unit vector control of several inputs, fixed gain: sigma' = xi - v, \\|\\|xi\\|\\| <= L < rho."""
+"""Unit vector control of several inputs, fixed gain: sigma' = xi - v, the norm of xi at most L < rho."""
 
 from ..core import Param, block
 from ..core.signal import norm, scaled
