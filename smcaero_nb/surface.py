@@ -95,7 +95,7 @@ def coefficients(r, settling_time, integral=True, table="classical", rule="paper
     return tuple(a*w**(k + 1) for k, a in enumerate(c))
 
 
-def _written(name, doc, arguments, first_line, c, r, integral, derivative, **names):
+def _written(name, doc, arguments, first_line, c, r, integral, derivative, check=None, **names):
     """The block sigma = sum of c_i e^(i), with the texts of the coefficients; ascending from the integral on."""
     def combined(shift):
         es = ["first(e)" if i == 0 else f"e[{i}]" for i in range(shift, r + shift)]
@@ -112,7 +112,7 @@ def _written(name, doc, arguments, first_line, c, r, integral, derivative, **nam
     f.__doc__ = doc
     f.__annotations__["return"] = (Param(r"\sigma"), Param(r"\dot\sigma")) if derivative else Param(r"\sigma")
     state = dict(integral=(0.0, Param(r"\int e", "[e] s", help="integral to start with", slider=(-1.0, 1.0))))
-    return block(state=state if integral else None)(f)
+    return block(state=state if integral else None, check=check)(f)
 
 
 def _equation(c, r, integral):
@@ -185,7 +185,7 @@ def polynomial(c, integral=True, derivative=False):
     Raises
     ------
     ParameterError
-        The polynomial is not Hurwitz: on sigma = 0 the error would not go to zero.
+        The polynomial is not Hurwitz: on sigma = 0 the error would not go to zero. The block's ``with_`` raises it too.
 
     References
     ----------
@@ -193,15 +193,21 @@ def polynomial(c, integral=True, derivative=False):
     """
     c = [Param().check("surface", f"c[{i}]", v) for i, v in enumerate(c)]
     r, _ = _degree(len(c) + 1 - integral, integral)
-    if any(q.real >= -1e-9*abs(q) for q in np.roots([1.0, *c])):
-        raise ParameterError(f"surface: c = {tuple(c)} is not allowed; the polynomial with 1 before them must be Hurwitz, but it "
-                             f"has the roots {', '.join(f'{q:.3g}' for q in np.roots([1.0, *c]))}")
     names = [f"c_{i}" for i in range(r - 2, -1, -1)] + ["c_int"]*integral
     symbols = [f"c_{{{i}}}" for i in range(r - 2, -1 - integral, -1)]
-    metas = {f"A{i}": Annotated[float, Param(q, f"1/s^{i + 1}" if i else "1/s", low=0.0, slider=(0.0, max(10.0, 4*v)),
+    metas = {f"A{i}": Annotated[float, Param(q, f"1/s^{i + 1}" if i else "1/s", slider=(0.0, max(10.0, 4*v)),
                                              help="coefficient of the sliding variable")]
              for i, (q, v) in enumerate(zip(symbols, c, strict=True))}
     arguments = [f"{n}: A{i} = {v!r}" for i, (n, v) in enumerate(zip(names, c, strict=True))]
     doc = (f"Sliding variable, relative degree {r}.\n\n.. math:: \\sigma = {_equation(symbols, r, integral)}\n\n"
            "While sigma = 0 the error follows this polynomial.\n\nPaper eq (9).")
-    return _written("polynomial", doc, arguments, "", [f"{n}*" for n in names][::-1] + [""], r, integral, derivative, **metas)
+
+    def hurwitz(values):
+        c = tuple(values[n] for n in names)
+        roots = np.roots([1.0, *c])
+        if any(q.real >= -1e-9*abs(q) for q in roots):
+            return (f"c = {c} is not allowed; the polynomial with 1 before them must be Hurwitz, but it has the roots "
+                    f"{', '.join(f'{q:.3g}' for q in roots)}")
+
+    return _written("polynomial", doc, arguments, "", [f"{n}*" for n in names][::-1] + [""], r, integral, derivative, hurwitz,
+                    **metas)

@@ -34,9 +34,11 @@ class Block:
         Values of the parameters and initial values of the states.
     output : Param, tuple or None
         Metadata of what it returns, from the return annotation.
+    check : function or None
+        What the values have to satisfy together.
     """
 
-    def __init__(self, f, state):
+    def __init__(self, f, state, check=None):
         if not inspect.isfunction(f):
             raise BlockError(f"block: a block is made of a plain function, not of {f!r}")
         self.f, self.name, self.__doc__ = f, f.__name__, f.__doc__
@@ -49,6 +51,13 @@ class Block:
             self.states[name], self.values[name] = meta, meta.check(self.name, name, v)
         if "z" in self.signals and not state:
             raise BlockError(f"{self.name} asks for z, but names no state: @block(state=dict(...))")
+        self.check = check
+        self._together()
+
+    def _together(self):
+        """Raise `ParameterError` if the values, each allowed by itself, do not go together."""
+        if self.check and (why := self.check(dict(self.values))):
+            raise ParameterError(f"{self.name}: {why}")
 
     settable = property(lambda self: {**self.params, **self.states})
     p = property(lambda self: tuple(self.values[n] for n in self.params))
@@ -60,7 +69,7 @@ class Block:
         Raises
         ------
         ParameterError
-            An unknown name, or a value that its metadata does not allow.
+            An unknown name, a value that its metadata does not allow, or values that do not go together.
         """
         new, known = copy.copy(self), self.settable
         new.values = dict(self.values)
@@ -68,6 +77,7 @@ class Block:
             if name not in known:
                 raise unknown(self.name, name, known)
             new.values[name] = known[name].check(self.name, name, v, self.kinds.get(name, float))
+        new._together()
         return new
 
     def __call__(self, *args, **params):
@@ -141,7 +151,7 @@ def routed(owner, parts, changes):
     return new
 
 
-def block(f=None, *, state=None):
+def block(f=None, *, state=None, check=None):
     r"""Make a block of a plain function.
 
     Parameters
@@ -153,6 +163,9 @@ def block(f=None, *, state=None):
         must agree to the last bit.
     state : dict, optional
         ``{name: initial value}`` or ``{name: (initial value, Param)}``.
+    check : function, optional
+        What parameters and initial states must satisfy together: it is given ``{name: value}`` of all of them, each
+        allowed by itself, and returns None, or the sentence that says which condition does not hold.
 
     Returns
     -------
@@ -161,7 +174,7 @@ def block(f=None, *, state=None):
     Raises
     ------
     BlockError, ParameterError
-        The declaration contradicts itself.
+        The declaration contradicts itself, or the defaults do not satisfy `check`.
 
     Examples
     --------
@@ -169,7 +182,7 @@ def block(f=None, *, state=None):
     ... def sign_law(sigma, rho: Annotated[float, Param(r"\rho", "[v]", low=0.0)] = 1.0):
     ...     return rho*((sigma > 0.0) - (sigma < 0.0))
     """
-    return Block(f, state or {}) if f else lambda g: Block(g, state or {})
+    return Block(f, state or {}, check) if f else lambda g: Block(g, state or {}, check)
 
 
 def channels(**parts):

@@ -4,6 +4,8 @@ Code for a shape is written out leaf by leaf, once, as text: for the loop (`engi
 blocks may use on signals of any shape, compiled or not.
 """
 
+import math
+
 try:
     from numba import types
     from numba.extending import overload
@@ -12,7 +14,7 @@ try:
 except ImportError:  # simulate(..., jit=False) needs no numba
     TUPLES, overload = (tuple,), None
 
-__all__ = ["first", "flat", "leaves", "shape", "text"]
+__all__ = ["filtered", "first", "flat", "leaves", "norm", "scaled", "shape", "solved", "text"]
 
 
 def shape(s):
@@ -42,7 +44,7 @@ def generated(args, body):
     def code(*a):
         key = tuple(map(shape, a))
         if key not in made:
-            exec(f"def f({args}): {body(*key)}", ns := {"__name__": __name__})
+            exec(f"def f({args}): {body(*key)}", ns := {"__name__": __name__, "sqrt": math.sqrt, "nan": math.nan})
             made[key] = ns["f"]
         return made[key]
 
@@ -50,6 +52,7 @@ def generated(args, body):
         return code(*a)(*a)
 
     f.of_signals = True  # the engine leaves it alone: its text is part of the engine
+    f.__name__ = f.__qualname__ = body.__name__
     if overload:
         overload(f, strict=False)(code)
     return f
@@ -57,3 +60,47 @@ def generated(args, body):
 
 #: First leaf of a signal: the output itself, without its derivatives.
 first = generated("s", lambda s: "return s" + leaves(s)[0])
+
+
+def _norm(s):
+    q = leaves(s)
+    return f"return abs(s{q[0]})" if len(q) == 1 else f"return sqrt({' + '.join(f's{i}*s{i}' for i in q)})"
+
+
+def _scaled(s, k):
+    return "return " + text(s, (f"k*s{q}" for q in leaves(s)))
+
+
+def _filtered(z, s, share):
+    if z != s:
+        raise ValueError(f"the signal has {len(leaves(s))} components, but the block is made for {len(leaves(z))}")
+    return "return " + text(s, (f"z{q} + share*(s{q} - z{q})" for q in leaves(s)))
+
+
+def _solved(G, s):
+    m = len(s) if s else 1
+    if s not in (None, (None,)*m) or not (G == ((None,)*m,)*m or m == 1 and G is None):
+        raise ValueError(f"G0 must be {m} rows of {m} numbers each, one row a component of v")
+    lines = [f"a{i}{j} = float(G{f'[{i}][{j}]' if G else ''})" for i in range(m) for j in range(m)]
+    lines += [f"b{i} = s{f'[{i}]' if s else ''}" for i in range(m)]
+    for k in range(m):
+        for i in range(k + 1, m):
+            rows = [[f"a{q}{j}" for j in range(k, m)] + [f"b{q}"] for q in (k, i)]
+            lines += [f"if abs(a{i}{k}) > abs(a{k}{k}):", f"    {', '.join(rows[0] + rows[1])} = {', '.join(rows[1] + rows[0])}"]
+        for i in range(k + 1, m):
+            lines += [f"q = a{i}{k}/a{k}{k} if a{k}{k} != 0.0 else nan"]
+            lines += [f"{x} -= q*{y}" for x, y in [*((f"a{i}{j}", f"a{k}{j}") for j in range(k + 1, m)), (f"b{i}", f"b{k}")]]
+    for i in reversed(range(m)):
+        rest = "".join(f" - a{i}{j}*b{j}" for j in range(i + 1, m))
+        lines += [f"b{i} = (b{i}{rest})/a{i}{i} if a{i}{i} != 0.0 else nan"]
+    return "".join(f"\n    {q}" for q in [*lines, "return " + text(s, (f"b{i}" for i in range(m)))])
+
+
+#: Euclidean norm over all leaves.
+norm = generated("s", _norm)
+#: k s, leaf by leaf.
+scaled = generated("s, k", _scaled)
+#: One step of a low-pass filter: z + share (s - z), leaf by leaf.
+filtered = generated("z, s, share", _filtered)
+#: G^-1 s by elimination with row exchanges; NaN where G, a tuple of rows, is singular.
+solved = generated("G, s", _solved)

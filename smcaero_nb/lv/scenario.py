@@ -1,6 +1,7 @@
 """The launch vehicle's loops: laws and presets, with their sources; the paper's transfer function."""
 
 from ..core import ClosedLoop, ParameterError
+from ..hosmc import adaptive_continuous, integrated, quasi_continuous
 from ..pid import pd, pid
 from ..smc1 import quasi_smc, sign_smc
 from ..smc2 import adaptive_super_twisting
@@ -17,6 +18,10 @@ _eq69 = polynomial((1.75, 1.56))
 _itae2 = dict(_r2, surface=itae(2, 10.0), law=quasi_smc.with_(rho=2.0, eps=0.25))
 _itae2_stw = dict(_rigid, surface=itae(2, 10.0/0.55), law=adaptive_super_twisting.with_(
     gamma=0.07, mu=0.02, lam_min=0.25, eps=0.075, eta=0.03, lam=1.0))
+_hosm = adaptive_continuous(2).with_(gamma_1=0.7, gamma_2=0.85, alpha_r=0.9, l_0=0.01, L=0.3, r_0=0.2, gamma=0.0, eps=0.005,
+                                     tau_f=3.0)
+_hosm_r3 = adaptive_continuous(3).with_(gamma_1=3.2, gamma_2=4.6, gamma_3=3.1, alpha_r=0.9, l_0=0.02, L=1.0, r_0=1.0, gamma=0.0,
+                                        eps=0.005, tau_f=3.5)
 _pd = dict(_r2, law=pd.with_(k_p=1.87, k_d=2.13))  # eq (67), which takes zeta = 0.8 for the printed k_d, not 0.7
 
 #: {law: {preset: stages of the loop}}. `paper` is the design as printed, `recommended` the best found on this scenario;
@@ -40,6 +45,11 @@ PRESETS = {
         "r3": dict(_servo, surface=itae(3, 10.0/1.4), law=adaptive_super_twisting.with_(
             gamma=0.01, mu=0.04, lam_min=0.8, eps=0.12, eta=0.03, lam=2.3)),
     },
+    "hosm": {  # sigma = e; the defaults of the law diverge behind the servo, which is slower than they are
+        "recommended": dict(_rigid, law=_hosm),
+        "r3": dict(_servo, law=_hosm_r3),
+        "raised": dict(_r3, law=quasi_continuous(3).with_(alpha=8.0, L=0.035), allocation=integrated.with_(G0=-0.75)),
+    },
 }
 
 
@@ -49,10 +59,12 @@ def loop(law="adaptive_super_twisting", preset="recommended"):
     Parameters
     ----------
     law : str
-        ``"pd"``, ``"pid"``, ``"sign_smc"``, ``"quasi_smc"`` or ``"adaptive_super_twisting"``.
+        ``"pd"``, ``"pid"``, ``"sign_smc"``, ``"quasi_smc"``, ``"adaptive_super_twisting"`` or ``"hosm"`` (adaptive continuous
+        higher-order sliding mode control).
     preset : str
         ``"recommended"`` (tuned on this scenario), ``"paper"`` (as printed: PD and quasi-SMC only), ``"eq69"``,
-        ``"itae2"`` or ``"r3"`` (by sliding variable: the paper's, ITAE of degree 2, relative degree 3).
+        ``"itae2"`` or ``"r3"`` (by sliding variable: the paper's, ITAE of degree 2, relative degree 3); for ``"hosm"`` also
+        ``"raised"`` (a quasi-continuous law on the derivative of the control).
 
     Returns
     -------

@@ -1,21 +1,24 @@
 r"""First-order sliding mode control, fixed gain: sigma' = xi - v, \\|xi\\| <= L < rho."""
 
+import math
 from typing import Annotated
 
 from ..core import Param, block
 
-__all__ = ["quasi_smc", "sign", "sign_smc"]
+__all__ = ["quasi_smc", "saturation_smc", "sign", "sign_smc", "tanh_smc"]
 
-RHO = Param(r"\rho", "[v]", low=0.0, help="gain, larger than the bound of the perturbation", slider=(0.0, 10.0))
+Rho = Annotated[float, Param(r"\rho", "[v]", low=0.0, help="gain, larger than the bound of the perturbation", slider=(0.0, 10.0))]
+Layer = Annotated[float, Param(r"\varepsilon", "[sigma]", low=1e-9, log=True, slider=(1e-3, 10.0),
+                               help="boundary layer: smaller is more accurate and less smooth")]
 
 
 def sign(s):
     """Sign of a number; 0 at 0."""
-    return (s > 0.0)*1.0 - (s < 0.0)*1.0
+    return 1.0 if s > 0.0 else -1.0 if s < 0.0 else 0.0
 
 
 @block
-def sign_smc(sigma, rho: Annotated[float, RHO] = 1.0) -> Param("v"):
+def sign_smc(sigma, rho: Rho = 2.0) -> Param("v"):
     r"""First-order sliding mode control.
 
     .. math:: v = \rho\,\mathrm{sign}(\sigma)
@@ -37,17 +40,19 @@ def sign_smc(sigma, rho: Annotated[float, RHO] = 1.0) -> Param("v"):
     Reaches :math:`\sigma = 0` within :math:`|\sigma(0)|/(\rho - L)`. Sampled every tau it chatters: :math:`|\sigma|`
     stays within about tau (rho + L), and v switches every few samples. Behind an actuator it is a limit cycle.
 
+    With several inputs, R = diag(rho_i) is one such law a channel: ``channels(a=sign_smc.with_(rho=2.0),
+    b=sign_smc.with_(rho=3.0))``, each rho_i larger than the bound of its own xi_i. Erratum: the paper's text calls these
+    bounds Lipschitz constants; they bound xi itself, as its (A2) says.
+
     References
     ----------
-    Paper eq (13), m = 1. V. I. Utkin, Sliding Modes in Control and Optimization, Springer, 1992.
+    Paper eq (13). V. I. Utkin, Sliding Modes in Control and Optimization, Springer, 1992.
     """
     return rho*sign(sigma)
 
 
 @block
-def quasi_smc(sigma, rho: Annotated[float, RHO] = 1.0,
-              eps: Annotated[float, Param(r"\varepsilon", "[sigma]", low=1e-9, log=True, slider=(1e-3, 10.0),
-                                          help="boundary layer: smaller is more accurate and less smooth")] = 0.1) -> Param("v"):
+def quasi_smc(sigma, rho: Rho = 2.0, eps: Layer = 0.1) -> Param("v"):
     r"""Continuous (quasi) sliding mode control, sigmoid.
 
     .. math:: v = \rho\,\frac{\sigma}{|\sigma| + \varepsilon}
@@ -70,10 +75,80 @@ def quasi_smc(sigma, rho: Annotated[float, RHO] = 1.0,
     -----
     No chattering, and no exact sliding either: a constant perturbation xi leaves
     :math:`\sigma = \varepsilon\,\xi/(\rho - |\xi|)`. Near :math:`\sigma = 0` it is a linear gain rho/eps, which the
-    actuator bounds.
+    actuator bounds, and sampling too: below eps = tau rho/2 it chatters like the relay.
+
+    With several inputs, one such law a channel, as for `sign_smc`.
 
     References
     ----------
     Paper eqs (13), (70). J. A. Burton and A. S. I. Zinober, Int. J. Systems Science 17 (1986) 875.
     """
     return rho*sigma/(abs(sigma) + eps)
+
+
+@block
+def saturation_smc(sigma, rho: Rho = 2.0, eps: Layer = 0.1) -> Param("v"):
+    r"""Continuous (quasi) sliding mode control, saturation.
+
+    .. math:: v = \rho\,\mathrm{sat}(\sigma/\varepsilon), \qquad \mathrm{sat}(q) = \max(-1, \min(1, q))
+
+    Parameters
+    ----------
+    sigma : float
+        Sliding variable.
+    rho : float
+        Gain [v]; the theorem asks for more than the bound L of the perturbation.
+    eps : float
+        Half the width of the boundary layer [sigma].
+
+    Returns
+    -------
+    float
+        v, of :math:`\dot\sigma = \xi - v`.
+
+    Notes
+    -----
+    Outside the layer it is the relay, so it enters the layer within :math:`(|\sigma(0)| - \varepsilon)/(\rho - L)`; inside
+    it is linear, and a constant perturbation xi leaves :math:`\sigma = \varepsilon\,\xi/\rho`. Below eps = tau rho/2 it
+    chatters like the relay.
+
+    References
+    ----------
+    The usual alternative to the sigmoid of paper eq (13). J.-J. E. Slotine and W. Li, Applied Nonlinear Control,
+    Prentice Hall, 1991, section 7.2.
+    """
+    q = sigma/eps
+    return rho*(1.0 if q > 1.0 else -1.0 if q < -1.0 else q)
+
+
+@block
+def tanh_smc(sigma, rho: Rho = 2.0, eps: Layer = 0.1) -> Param("v"):
+    r"""Continuous (quasi) sliding mode control, hyperbolic tangent.
+
+    .. math:: v = \rho\,\tanh(\sigma/\varepsilon)
+
+    Parameters
+    ----------
+    sigma : float
+        Sliding variable.
+    rho : float
+        Gain [v]; the theorem asks for more than the bound L of the perturbation.
+    eps : float
+        Width of the boundary layer [sigma].
+
+    Returns
+    -------
+    float
+        v, of :math:`\dot\sigma = \xi - v`.
+
+    Notes
+    -----
+    Smooth to every order. A constant perturbation xi leaves :math:`\sigma = \varepsilon\,\mathrm{artanh}(\xi/\rho)`.
+    Below eps = tau rho/2 it chatters like the relay.
+
+    References
+    ----------
+    The usual alternative to the sigmoid of paper eq (13). C. Edwards and S. K. Spurgeon, Sliding Mode Control: Theory and
+    Applications, Taylor and Francis, 1998.
+    """
+    return rho*math.tanh(sigma/eps)

@@ -5,11 +5,55 @@ from typing import Annotated
 
 from ..core import Param, block
 
-__all__ = ["adaptive_super_twisting"]
+__all__ = ["adaptive_super_twisting", "super_twisting"]
+
+W = Param("w(0)", "[v]", help="integral term to start with", slider=(-1.0, 1.0))
+
+
+@block(state=dict(w=(0.0, W)))
+def super_twisting(sigma, z, tau,
+                   lam: Annotated[float, Param(r"\lambda", "[v]/[sigma]^1/2", low=0.0, help="1.5 sqrt(L), L the bound of |xi'|",
+                                               slider=(0.0, 10.0))] = 1.5,
+                   beta: Annotated[float, Param(r"\beta", "[v]/s", low=0.0, help="1.1 L, L the bound of |xi'|",
+                                                slider=(0.0, 20.0))] = 1.1) -> Param("v"):
+    r"""Super-twisting control.
+
+    .. math:: v = \lambda\,|\sigma|^{1/2}\,\mathrm{sign}(\sigma) + w, \qquad \dot w = \beta\,\mathrm{sign}(\sigma)
+
+    Parameters
+    ----------
+    sigma : float
+        Sliding variable.
+    lam : float
+        Gain of the root [v]/[sigma]^1/2; :math:`1.5\sqrt L`, L the bound of the perturbation's derivative, see `gains`.
+    beta : float
+        Gain of the integral [v]/s; 1.1 L, and larger than L in any case.
+
+    Returns
+    -------
+    float
+        v, of :math:`\dot\sigma = \xi - v`, continuous; the perturbation may have any size, its derivative not.
+
+    Notes
+    -----
+    Reaches :math:`\sigma = \dot\sigma = 0` in finite time; then w = xi. Without perturbation, :math:`\dot\sigma` at one
+    zero of sigma is :math:`-\exp(-\pi\lambda/\sqrt{8\beta - \lambda^2})` times that at the zero before, and sigma has no
+    second zero if :math:`\lambda^2 \ge 8\beta`. Sampled every tau, :math:`|\sigma|` stays within a multiple of
+    L tau^2. An actuator's lag turns it into a limit cycle.
+
+    Erratum: the paper takes the gains from the bound of xi, but they need that of its derivative, of its (A4).
+
+    References
+    ----------
+    Paper eq (21). A. Levant, Int. J. Control 58 (1993) 1247. The gains: R. Seeber and M. Horn, Automatica 84 (2017) 241.
+    """
+    w, = z
+    s = (sigma > 0.0)*1.0 - (sigma < 0.0)*1.0
+    return lam*math.sqrt(abs(sigma))*s + w, (w + tau*beta*s,)
 
 
 @block(state=dict(lam=(1.0, Param(r"\lambda(0)", "[v]/[sigma]^1/2", low=0.0, help="gain to start with", slider=(0.0, 10.0))),
-                  w=(0.0, Param("w(0)", "[v]", help="integral term to start with", slider=(-1.0, 1.0)))))
+                  w=(0.0, W)))
 def adaptive_super_twisting(
         sigma, z, tau,
         gamma: Annotated[float, Param(r"\gamma", "[lam]/s", low=0.0, log=True, help="speed of the adaptation",

@@ -1,0 +1,153 @@
+"""The perturbed chain of integrators: sigma^(r) = xi - v and nothing else, what the theorems speak of."""
+
+import math
+from typing import Annotated
+
+from ..core import ClosedLoop, Param, block
+from ..core.signal import generated, leaves, text
+
+__all__ = ["chain", "chain_output", "chain_perturbation", "perturbed_chain"]
+
+
+def _minus(s):
+    return "return " + (text(s, (f"-s{q}" for q in leaves(s))) if len(s) > 1 else "-s[0]")
+
+
+minus = generated("s", _minus)
+
+
+def chain(r):
+    r"""Plant: a chain of r integrators, the control at its end.
+
+    .. math:: \dot s_0 = s_1, \quad ..., \quad \dot s_{r-1} = \xi - v
+
+    Parameters
+    ----------
+    r : int
+        Number of integrators, 1 to 6.
+
+    Returns
+    -------
+    Block
+        A plant with the states s0 = sigma, s1 = sigma', ..., all 0 at the start unless set.
+
+    Raises
+    ------
+    ParameterError
+        A number that is not allowed.
+
+    Notes
+    -----
+    Euler steps of it keep the order of a law's accuracy, but not the size of the error; ``simulate(..., method="rk4")``
+    integrates it exactly up to r = 4.
+
+    References
+    ----------
+    Paper eq (26).
+    """
+    r = Param(low=1, high=6).check("chain", "r", r, int)
+    symbols = [r"\sigma", r"\dot\sigma", r"\ddot\sigma", *(rf"\sigma^{{({i})}}" for i in range(3, 6))]
+
+    @block(state={f"s{i}": (0.0, Param(symbols[i], f"[v] s^{r - i}", slider=(-10.0, 10.0))) for i in range(r)})
+    def integrators(x, u, d):
+        r"""Chain of integrators.
+
+        .. math:: \dot s_0 = s_1, \quad ..., \quad \dot s_{r-1} = \xi - v
+
+        Parameters
+        ----------
+        x : tuple of float
+            sigma and its derivatives.
+        u, d : float
+            v and the perturbation xi.
+
+        Returns
+        -------
+        tuple of float
+            Derivative of the state.
+
+        References
+        ----------
+        Paper eq (26).
+        """
+        return (*x[1:], d - u)
+
+    return integrators
+
+
+@block
+def chain_output(x):
+    r"""Output of the chain, with the sign that makes the error sigma.
+
+    .. math:: y = -(\sigma, \dot\sigma, ...), \qquad e = 0 - y
+
+    Parameters
+    ----------
+    x : tuple of float
+        State of `chain`.
+
+    Returns
+    -------
+    float or tuple of float
+        y; a number where r = 1.
+
+    References
+    ----------
+    Paper eq (26).
+    """
+    return minus(x)
+
+
+@block
+def chain_perturbation(t, xi_0: Annotated[float, Param(r"\xi_0", "[v]", help="constant part", slider=(-2.0, 2.0))] = 0.0,
+                       xi_1: Annotated[float, Param(r"\xi_1", "[v]", low=0.0, help="amplitude", slider=(0.0, 2.0))] = 0.8,
+                       omega: Annotated[float, Param(r"\omega", "rad/s", low=0.0, help="frequency", slider=(0.0, 20.0))] = 1.3
+                       ) -> Param(r"\xi", "[v]"):
+    r"""Perturbation of the chain.
+
+    .. math:: \xi = \xi_0 + \xi_1\cos\omega t
+
+    Parameters
+    ----------
+    t : float
+        Time [s].
+    xi_0, xi_1 : float
+        Constant part and amplitude [v].
+    omega : float
+        Frequency [rad/s].
+
+    Returns
+    -------
+    float
+        xi [v]; its bound is \|xi_0\| + xi_1, that of its derivative omega xi_1.
+    """
+    return xi_0 + xi_1*math.cos(omega*t)
+
+
+def perturbed_chain(law, r):
+    """A law on its chain: 20 s from sigma = 1, all derivatives 0.
+
+    Parameters
+    ----------
+    law : Block
+        A law for relative degree `r`; it sees (sigma, ..., sigma^(r-1)), or the number sigma where r = 1.
+    r : int
+        Number of integrators, 1 to 6.
+
+    Returns
+    -------
+    ClosedLoop
+        With duration 20 s, tau 1e-3 s and dt 2.5e-4 s; its error e is sigma.
+
+    Raises
+    ------
+    ParameterError
+        A number of integrators that is not allowed.
+
+    Examples
+    --------
+    >>> simulate(perturbed_chain(hosmc.quasi_continuous(3), 3)).tail_e
+    (1.4e-08, 8e-06, 0.009)
+    """
+    return ClosedLoop(chain(r).with_(s0=1.0), output=chain_output, law=law, perturbation=chain_perturbation, duration=20.0,
+                      dt=2.5e-4, tau=1e-3, name=f"{law.name}, chain of {r}")

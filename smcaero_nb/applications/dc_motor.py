@@ -1,0 +1,292 @@
+"""DC motor with a disc on its shaft: angle and speed by armature voltage, against a load torque."""
+
+import math
+from typing import Annotated
+
+from .. import hosmc
+from ..core import ClosedLoop, Param, ParameterError, block
+from ..smc1 import quasi_smc, sign_smc
+from ..smc2 import adaptive_super_twisting, super_twisting
+from ..surface import itae
+
+__all__ = ["amplifier", "dc_motor", "load_torque", "motor", "shaft", "speed", "step", "voltage", "with_integral"]
+
+
+@block(state=dict(theta=(0.0, Param(r"\theta", "rad", help="angle", slider=(-3.0, 3.0))),
+                  omega=(0.0, Param(r"\omega", "rad/s", help="speed", slider=(-200.0, 200.0))),
+                  current=(0.0, Param("i", "A", help="armature current"))))
+def motor(x, u, d,
+          R: Annotated[float, Param("R", "ohm", low=1e-3, help="terminal resistance", slider=(1.0, 20.0))] = 7.5,
+          L: Annotated[float, Param("L", "H", low=1e-6, log=True, help="rotor inductance", slider=(1e-4, 1e-1))] = 1.15e-3,
+          k: Annotated[float, Param("k", "N m/A", low=1e-6, help="torque and back-EMF constant", slider=(0.01, 0.1))] = 0.0422,
+          J: Annotated[float, Param("J", "kg m^2", low=1e-9, log=True, help="inertia of rotor, hub and disc",
+                                    slider=(2e-6, 1e-4))] = 1.83e-5,
+          b: Annotated[float, Param("b", "N m s", low=0.0, help="viscous friction", slider=(0.0, 1e-4))] = 0.0):
+    r"""DC motor driven by its armature voltage.
+
+    .. math::
+
+        \dot\theta &= \omega, \qquad J\dot\omega = k\,i - b\,\omega - T \\
+        L\,\frac{di}{dt} &= u - R\,i - k\,\omega
+
+    Parameters
+    ----------
+    x : tuple of 3 float
+        Angle, speed, armature current [rad, rad/s, A].
+    u, d : float
+        Armature voltage [V], load torque T [N m].
+    R, L, k : float
+        Terminal resistance [ohm], inductance [H], torque constant, which is the back-EMF constant [N m/A = V s/rad].
+    J, b : float
+        Inertia [kg m^2], viscous friction [N m s].
+
+    Returns
+    -------
+    tuple of 3 float
+        Derivative of the state.
+
+    Notes
+    -----
+    The angle has relative degree 3, the speed 2; but the electrical time constant L/R is 0.15 ms, so that sampled every
+    0.1 ms or more they behave as 2 and 1: the practical relative degree. The inductance is then an unmodelled actuator.
+
+    The inertia is that of the rotor, 1.4e-6, the hub, 0.6e-6, and a disc of 0.053 kg and radius 0.0248 m, 1.63e-5 kg m^2.
+    The source gives no viscous friction: 0.
+
+    References
+    ----------
+    Quanser, Qube-Servo 3 User Manual, Table 2.2.
+    """
+    return x[1], (k*x[2] - b*x[1] - d)/J, (u - R*x[2] - k*x[1])/L
+
+
+@block
+def shaft(x) -> (Param(r"\theta", "rad"), Param(r"\omega", "rad/s")):
+    """Angle and speed of the shaft.
+
+    Parameters
+    ----------
+    x : tuple of 3 float
+        State of `motor`.
+
+    Returns
+    -------
+    tuple of 2 float
+        [rad], [rad/s].
+    """
+    return x[0], x[1]
+
+
+@block
+def speed(x) -> Param(r"\omega", "rad/s"):
+    """Speed of the shaft.
+
+    Parameters
+    ----------
+    x : tuple of 3 float
+        State of `motor`.
+
+    Returns
+    -------
+    float
+        [rad/s].
+    """
+    return x[1]
+
+
+@block
+def step(t, height: Annotated[float, Param("r_1", "[y]", help="where it steps to", slider=(-200.0, 200.0))] = 1.0,
+         start: Annotated[float, Param("t_1", "s", low=0.0, help="when it steps", slider=(0.0, 1.0))] = 0.02
+         ) -> Param("r", "[y]"):
+    """Command: a step.
+
+    Parameters
+    ----------
+    t : float
+        Time [s].
+    height : float
+        Value after the step [rad] or [rad/s].
+    start : float
+        Time of the step [s].
+
+    Returns
+    -------
+    float
+        Command.
+    """
+    return height if t >= start else 0.0
+
+
+@block
+def load_torque(t, T_0: Annotated[float, Param("T_0", "N m", help="constant part", slider=(-0.02, 0.02))] = 0.004,
+                T_1: Annotated[float, Param("T_1", "N m", low=0.0, help="amplitude", slider=(0.0, 0.02))] = 0.004,
+                omega: Annotated[float, Param(r"\omega_T", "rad/s", low=0.0, help="frequency", slider=(0.0, 100.0))] = 20.0
+                ) -> Param("T", "N m"):
+    r"""Load torque.
+
+    .. math:: T = T_0 + T_1\sin\omega_T t
+
+    Parameters
+    ----------
+    t : float
+        Time [s].
+    T_0, T_1 : float
+        Constant part and amplitude [N m]; the motor's nominal torque is 0.0204 N m.
+    omega : float
+        Frequency [rad/s].
+
+    Returns
+    -------
+    float
+        T [N m].
+    """
+    return T_0 + T_1*math.sin(omega*t)
+
+
+@block(state=dict(integral=(0.0, Param(r"\int e", "[e] s", help="integral to start with"))))
+def with_integral(e, z, tau):
+    r"""Sliding variable that raises the relative degree from 1 to 2: the integral of the error, and the error.
+
+    .. math:: (\sigma, \dot\sigma) = \Big(\int e\,dt, e\Big)
+
+    Parameters
+    ----------
+    e : float
+        Error.
+
+    Returns
+    -------
+    tuple of 2 float
+        sigma and its derivative, for a law of relative degree 2.
+
+    Notes
+    -----
+    The integral is to end at zero, so the error has to overshoot.
+    """
+    integral, = z
+    return (integral, e), (integral + tau*e,)
+
+
+@block
+def voltage(v, G0: Annotated[float, Param("G_0", "[v]/V", low=1e-3, help="nominal gain k/(J R)", slider=(100.0, 1000.0))] = 307.5
+            ) -> Param("u", "V"):
+    r"""Allocation: armature voltage from the law's output.
+
+    .. math:: u = v/G_0, \qquad G_0 = k/(J R)
+
+    Parameters
+    ----------
+    v : float
+        Output of the law: an angular acceleration [rad/s^2].
+    G0 : float
+        Nominal gain [rad/s^2/V].
+
+    Returns
+    -------
+    float
+        u [V].
+
+    References
+    ----------
+    Paper eq (26).
+    """
+    return v/G0
+
+
+@block
+def amplifier(u, limit: Annotated[float, Param("u_{max}", "V", low=0.1, help="greatest voltage", slider=(1.0, 24.0))] = 10.0
+              ) -> Param("u", "V"):
+    r"""Actuator: voltage within the limits of the amplifier.
+
+    .. math:: |u| \le u_{max}
+
+    Parameters
+    ----------
+    u : float
+        Wanted voltage [V].
+    limit : float
+        Greatest voltage [V].
+
+    Returns
+    -------
+    float
+        Voltage at the motor [V].
+
+    References
+    ----------
+    Quanser, Qube-Servo 3 User Manual, Table 2.2: recommended range 10 V, greatest 15 V.
+    """
+    return max(-limit, min(limit, u))
+
+
+_surface = itae(2, 0.4, integral=False)  # e' + 25 e
+_twisting = super_twisting.with_(lam=150.0, beta=1.1e4)
+_adaptive_twisting = adaptive_super_twisting.with_(gamma=1e4, mu=0.01, lam_min=10.0, eps=30.0, eta=1e3, lam=100.0)
+_adaptive = hosmc.adaptive_continuous(2).with_(gamma_1=625.0, gamma_2=50.0, alpha_r=0.85, l_0=500.0, eps=300.0, r_0=2e5,
+                                               gamma=0.0, delta_0=200.0, tau_f=2e-3, L=5e3)
+_quasi_continuous, _nested = hosmc.quasi_continuous(2), hosmc.nested(2)
+#: {output: {law: stages}}; v is an angular acceleration, and 10 V are 3075 rad/s^2.
+DC_MOTOR = {
+    "angle": {
+        "sign_smc": dict(surface=_surface, law=sign_smc.with_(rho=2000.0)),
+        "quasi_smc": dict(surface=_surface, law=quasi_smc.with_(rho=2000.0, eps=0.5)),
+        "super_twisting": dict(surface=_surface, law=_twisting),
+        "adaptive_super_twisting": dict(surface=_surface, law=_adaptive_twisting),
+        "quasi_continuous": dict(law=_quasi_continuous.with_(L=700.0)),
+        "nested": dict(law=_nested.with_(L=700.0)),
+        "adaptive_continuous": dict(law=_adaptive),
+    },
+    "speed": {
+        "sign_smc": dict(law=sign_smc.with_(rho=2200.0)),
+        "quasi_smc": dict(law=quasi_smc.with_(rho=2200.0, eps=0.5)),
+        "super_twisting": dict(law=super_twisting.with_(lam=210.0, beta=2.2e4)),
+        "adaptive_super_twisting": dict(law=_adaptive_twisting),
+        "quasi_continuous": dict(surface=with_integral, law=_quasi_continuous.with_(L=1000.0)),
+        "nested": dict(surface=with_integral, law=_nested.with_(L=1000.0)),
+        "adaptive_continuous": dict(surface=with_integral, law=_adaptive),
+    },
+}
+HEIGHT = {"angle": 1.0, "speed": 80.0}
+
+
+def dc_motor(law="super_twisting", output="angle"):
+    """A laboratory motor with a disc, its voltage limited to 10 V, against a load of up to 40 % of its nominal torque.
+
+    Parameters
+    ----------
+    law : str
+        ``"sign_smc"``, ``"quasi_smc"``, ``"super_twisting"``, ``"adaptive_super_twisting"``, ``"quasi_continuous"``,
+        ``"nested"`` or ``"adaptive_continuous"``.
+    output : str
+        ``"angle"``: a step of 1 rad; ``"speed"``: a step to 80 rad/s.
+
+    Returns
+    -------
+    ClosedLoop
+        With duration 1 s, tau 1e-4 s and dt 1e-5 s.
+
+    Raises
+    ------
+    ParameterError
+        An unknown law or output.
+
+    Notes
+    -----
+    The laws take the current to follow the voltage at once, so that the angle has relative degree 2 and the speed 1. It
+    lags by 0.15 ms, about one sample, which is what the discontinuous laws chatter with.
+
+    Angle: laws of relative degree 1 act on sigma = e' + 25 e. Speed: they act on e itself, and laws of relative degree 2 on
+    the integral of e and e, whose overshoot is the price of not measuring the acceleration.
+
+    Examples
+    --------
+    >>> simulate(dc_motor("super_twisting")).tail_e
+    (1.1e-05, 0.001)
+    """
+    if output not in DC_MOTOR:
+        raise ParameterError(f"dc_motor: output = {output!r} is not allowed; it must be one of {', '.join(DC_MOTOR)}")
+    if law not in DC_MOTOR[output]:
+        raise ParameterError(f"dc_motor: law = {law!r} is not allowed; it must be one of {', '.join(DC_MOTOR[output])}")
+    return ClosedLoop(motor, output=shaft if output == "angle" else speed, reference=step.with_(height=HEIGHT[output]),
+                      perturbation=load_torque, allocation=voltage, actuator=amplifier, duration=1.0, dt=1e-5, tau=1e-4,
+                      name=f"{law}, motor's {output}", **DC_MOTOR[output][law])

@@ -1,0 +1,127 @@
+"""Double integrator with a matched perturbation: a mass that is pushed."""
+
+import math
+from typing import Annotated
+
+from .. import hosmc
+from ..core import ClosedLoop, Param, ParameterError, block
+from ..smc1 import quasi_smc, sign_smc
+from ..smc2 import adaptive_super_twisting, super_twisting
+from ..surface import itae
+
+__all__ = ["double_integrator", "mass", "position", "push"]
+
+
+@block(state=dict(s=(1.0, Param("s(0)", "m", help="position to start from", slider=(-5.0, 5.0))),
+                  v=(0.0, Param(r"\dot s(0)", "m/s", help="velocity to start with", slider=(-5.0, 5.0)))))
+def mass(x, u, d, m: Annotated[float, Param("m", "kg", low=1e-3, slider=(0.1, 10.0), help="the laws take it to be 1 kg")] = 1.0):
+    r"""Mass moved by a force.
+
+    .. math:: m\,\ddot s = u + d
+
+    Parameters
+    ----------
+    x : tuple of 2 float
+        Position and velocity [m, m/s].
+    u, d : float
+        Control and perturbation, both forces [N].
+    m : float
+        Mass [kg].
+
+    Returns
+    -------
+    tuple of 2 float
+        Derivative of the state.
+    """
+    return x[1], (u + d)/m
+
+
+@block
+def position(x) -> (Param("s", "m"), Param(r"\dot s", "m/s")):
+    """Position and velocity.
+
+    Parameters
+    ----------
+    x : tuple of 2 float
+        State of `mass`.
+
+    Returns
+    -------
+    tuple of 2 float
+        [m], [m/s].
+    """
+    return x[0], x[1]
+
+
+@block
+def push(t, d_0: Annotated[float, Param("d_0", "N", help="constant part", slider=(-2.0, 2.0))] = 0.2,
+         d_1: Annotated[float, Param("d_1", "N", low=0.0, help="amplitude", slider=(0.0, 2.0))] = 0.5,
+         omega: Annotated[float, Param(r"\omega", "rad/s", low=0.0, help="frequency", slider=(0.0, 20.0))] = 2.0
+         ) -> Param("d", "N"):
+    r"""Force that perturbs the mass.
+
+    .. math:: d = d_0 + d_1\sin\omega t
+
+    Parameters
+    ----------
+    t : float
+        Time [s].
+    d_0, d_1 : float
+        Constant part and amplitude [N].
+    omega : float
+        Frequency [rad/s].
+
+    Returns
+    -------
+    float
+        d [N].
+    """
+    return d_0 + d_1*math.sin(omega*t)
+
+
+_surface = itae(2, 4.0, integral=False)  # e' + 2.5 e
+#: {law: stages}: the laws of relative degree 1 on a sliding variable, those of relative degree 2 on (e, e') itself.
+DOUBLE_INTEGRATOR = {
+    "sign_smc": dict(surface=_surface, law=sign_smc.with_(rho=3.0)),
+    "quasi_smc": dict(surface=_surface, law=quasi_smc.with_(rho=3.0, eps=0.05)),
+    "super_twisting": dict(surface=_surface, law=super_twisting.with_(lam=3.0, beta=4.4)),
+    "adaptive_super_twisting": dict(surface=_surface, law=adaptive_super_twisting),
+    "quasi_continuous": dict(law=hosmc.quasi_continuous(2)),
+    "nested": dict(law=hosmc.nested(2)),
+    "adaptive_continuous": dict(law=hosmc.adaptive_continuous(2)),
+}
+
+
+def double_integrator(law="super_twisting"):
+    """A mass of 1 kg, brought to rest at 0 from 1 m away, against a perturbing force of up to 0.7 N.
+
+    Parameters
+    ----------
+    law : str
+        ``"sign_smc"``, ``"quasi_smc"``, ``"super_twisting"``, ``"adaptive_super_twisting"``, ``"quasi_continuous"``,
+        ``"nested"`` or ``"adaptive_continuous"``.
+
+    Returns
+    -------
+    ClosedLoop
+        With duration 8 s, tau 1e-3 s and dt 1e-4 s.
+
+    Raises
+    ------
+    ParameterError
+        An unknown law.
+
+    Notes
+    -----
+    A first- or second-order law makes sigma = e' + 2.5 e zero, and e then falls exponentially; a law of relative degree 2
+    brings e and e' to zero in finite time, without a surface.
+
+    Examples
+    --------
+    >>> simulate(double_integrator("quasi_continuous")).tail_e
+    (3.6e-06, 0.0034)
+    """
+    if law not in DOUBLE_INTEGRATOR:
+        raise ParameterError(f"double_integrator: law = {law!r} is not allowed; it must be one of {', '.join(DOUBLE_INTEGRATOR)}")
+    return ClosedLoop(mass, output=position, perturbation=push, duration=8.0, dt=1e-4, tau=1e-3,
+                      name=f"{law}, double integrator", **DOUBLE_INTEGRATOR[law])

@@ -1,0 +1,167 @@
+"""The perturbed chain, the double integrator and the DC motor: their physics, and every preset."""
+
+import math
+
+import numpy as np
+import pytest
+
+import smcaero_nb as smc
+from smcaero_nb import BlockError, ParameterError, applications, block, hosmc, simulate
+from smcaero_nb.applications.dc_motor import DC_MOTOR, amplifier, motor, with_integral
+from smcaero_nb.applications.double_integrator import DOUBLE_INTEGRATOR
+
+FIRST = ("sign_smc", "quasi_smc", "super_twisting", "adaptive_super_twisting")
+SECOND = ("quasi_continuous", "nested", "adaptive_continuous")
+
+
+# ---- the chain ---------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("r", range(1, 7))
+def test_chain(r):
+    plant = applications.chain(r)
+    x = tuple(float(i + 1) for i in range(r))
+    assert plant(x, 2.0, 0.5) == (*x[1:], -1.5)
+    assert list(plant.states) == [f"s{i}" for i in range(r)]
+    y = applications.chain_output(x)
+    assert y == (tuple(-v for v in x) if r > 1 else -1.0)
+
+
+def test_chain_is_integrated_exactly():
+    """With rk4 and no control sigma is the polynomial of its initial values and of a constant perturbation."""
+    q = smc.ClosedLoop(applications.chain(4), output=applications.chain_output, allocation=idle,
+                       perturbation=applications.chain_perturbation.with_(xi_0=0.7, xi_1=0.0))
+    x = (0.3, -0.2, 0.5, -0.4)
+    run = simulate(q.with_(**{f"plant__s{i}": v for i, v in enumerate(x)}), 2.0, 0.25, method="rk4", jit=False)
+    t = run.t
+    assert run.x.s0 == pytest.approx(0.3 - 0.2*t + 0.5*t**2/2 - 0.4*t**3/6 + 0.7*t**4/24, abs=1e-14)
+    assert run.e[0] == pytest.approx(run.x.s0)  # the error is sigma
+
+
+@block
+def idle(t):
+    return 0.0
+
+
+def test_perturbed_chain():
+    q = applications.perturbed_chain(hosmc.quasi_continuous(2), 2)
+    run = simulate(q, 5.0, 1e-3, method="rk4", jit=False)
+    assert (q.duration, q.dt, q.tau) == (20.0, 2.5e-4, 1e-3)
+    assert run.tail_e[0] < 1e-5
+    assert np.array_equal(run.sigma[0], run.e_hat[0])
+    assert run.d[0] == 0.8
+    assert isinstance(simulate(applications.perturbed_chain(smc.smc1.sign_smc, 1), 0.1, jit=False).sigma, np.ndarray)
+
+
+# ---- double integrator -------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("law", DOUBLE_INTEGRATOR)
+def test_double_integrator(law):
+    q = applications.double_integrator(law)
+    assert (q.duration, q.dt, q.tau) == (8.0, 1e-4, 1e-3)
+    run = simulate(q, dt=1e-3, tau=1e-3, method="rk4", jit=False)
+    assert run.diverged_at is None
+    assert run.e[0][0] == -1.0
+    assert np.abs(run.d).max() <= 0.7 + 1e-12
+    limit = {"sign_smc": 1e-3, "quasi_smc": 0.01, "super_twisting": 5e-6, "adaptive_super_twisting": 0.01,
+             "quasi_continuous": 2e-5, "nested": 2e-5, "adaptive_continuous": 1e-7}[law]
+    assert run.tail_e[0] < limit
+    assert run.tail_e[1] < (0.02 if law != "adaptive_continuous" else 1e-4)
+
+
+def test_double_integrator_is_finite_in_time_under_higher_order():
+    """On e' + 2.5 e = 0 the error falls exponentially; under a law of relative degree 2 it is zero after 3 s."""
+    first, second = (simulate(applications.double_integrator(law), 4.0, 1e-3, 1e-3, method="rk4", record=4000, jit=False)
+                     for law in ("super_twisting", "quasi_continuous"))
+    late = first.t > 2.2
+    e = np.abs(first.e[0][late])
+    assert np.polyfit(first.t[late], np.log(e), 1)[0] == pytest.approx(-2.5, rel=0.03)
+    assert np.abs(second.e[0][second.t > 3.0]).max() < 2e-5
+
+
+def test_double_integrator_with_another_mass():
+    q = applications.double_integrator("super_twisting").with_(plant__m=1.3)
+    run = simulate(q, dt=1e-3, tau=1e-3, method="rk4", jit=False)
+    assert run.tail_e[0] < 1e-4
+
+
+# ---- DC motor ----------------------------------------------------------------------------------------------------
+def test_motor_physics():
+    p = motor.values
+    assert p["J"] == pytest.approx(1.4e-6 + 0.6e-6 + 0.5*0.053*0.0248**2, rel=2e-3)  # rotor, hub and disc
+    assert applications.dc_motor().stages["allocation"].values["G0"] == pytest.approx(p["k"]/(p["J"]*p["R"]), rel=1e-3)
+
+    free = 10.0/p["k"]  # speed without load: the back-EMF is the voltage
+    assert motor((0.0, free, 0.0), 10.0, 0.0) == pytest.approx((free, 0.0, 0.0), abs=1e-9)
+    stall = 10.0/p["R"]  # current at rest, and the load that it holds
+    assert motor((0.0, 0.0, stall), 10.0, p["k"]*stall) == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
+
+    x, u, T = (0.3, 40.0, 0.5), 6.0, 0.004  # power in = heat + load + what the masses and the coil store
+    _, domega, di = motor.with_(b=1e-5)(x, u, T)
+    assert u*x[2] == pytest.approx(p["R"]*x[2]**2 + T*x[1] + 1e-5*x[1]**2 + p["J"]*x[1]*domega + p["L"]*x[2]*di)
+
+
+def test_motor_step_response():
+    """Two real poles: the exact step response of the speed."""
+    q = smc.ClosedLoop(motor, allocation=two_volts)
+    run = simulate(q, 0.3, 2e-5, 1e-3, method="rk4", record=300, jit=False)
+    p = motor.values
+    s = np.roots([p["L"]*p["J"], p["R"]*p["J"], p["k"]**2])
+    exact = 2.0/p["k"]*(1.0 + (s[1]*np.exp(s[0]*run.t) - s[0]*np.exp(s[1]*run.t))/(s[0] - s[1]))
+    assert run.x.omega == pytest.approx(exact, abs=1e-6)
+
+
+@block
+def two_volts(t):
+    return 2.0
+
+
+@pytest.mark.parametrize("output", DC_MOTOR)
+@pytest.mark.parametrize("law", FIRST + SECOND)
+def test_dc_motor(law, output):
+    q = applications.dc_motor(law, output)
+    assert (q.duration, q.dt, q.tau) == (1.0, 1e-5, 1e-4)
+    run = simulate(q, 0.8, 1e-4, 1e-4, method="rk4", jit=False)
+    assert run.diverged_at is None
+    assert run.max_u <= 10.0
+    e = np.ravel(run.tail_e)[0]
+    assert e < {"angle": {"sign_smc": 3e-3, "quasi_smc": 6e-3, "super_twisting": 5e-5, "adaptive_super_twisting": 2e-3,
+                          "quasi_continuous": 5e-4, "nested": 5e-4, "adaptive_continuous": 1e-5},
+                "speed": {"sign_smc": 1.0, "quasi_smc": 1.2, "super_twisting": 0.02, "adaptive_super_twisting": 0.2,
+                          "quasi_continuous": 1.5, "nested": 1.5, "adaptive_continuous": 0.02}}[output][law]
+
+
+def test_dc_motor_as_documented():
+    run = simulate(applications.dc_motor("super_twisting"))
+    assert run.tail_e[0] == pytest.approx(1.1e-5, rel=0.3)
+    torque = motor.values["k"]*run.x.current
+    assert np.mean((torque - run.d)[run.t > 0.5]) == pytest.approx(0.0, abs=1e-4)  # it holds the shaft against the load
+    chattering = simulate(applications.dc_motor("sign_smc"), 1.0, 1e-4, 1e-4, method="rk4", jit=False)
+    assert run.tail_variation_u < 0.01*chattering.tail_variation_u
+    assert applications.dc_motor("sign_smc", "speed").metadata("e").unit == "rad/s"
+
+
+def test_saturation():
+    assert [amplifier(u) for u in (-20.0, -3.0, 10.5)] == [-10.0, -3.0, 10.0]
+    run = simulate(applications.dc_motor("super_twisting").with_(actuator__limit=0.5), 0.3, 1e-4, 1e-4, method="rk4", jit=False)
+    assert run.max_u == 0.5
+
+
+def test_with_integral():
+    assert with_integral(2.0, (0.3,), 0.1) == ((0.3, 2.0), (0.5,))
+
+
+# ---- bad input ---------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize(("make", "message"), [
+    (lambda: applications.chain(0), "chain: r = 0"), (lambda: applications.chain(7), "from 1 to 6"),
+    (lambda: applications.chain(1.5), "whole number"),
+    (lambda: applications.double_integrator("pid"), "double_integrator: law = 'pid' is not allowed; it must be one of sign_smc"),
+    (lambda: applications.dc_motor("pid"), "dc_motor: law = 'pid'"),
+    (lambda: applications.dc_motor(output="torque"), "output = 'torque' is not allowed; it must be one of angle, speed"),
+    (lambda: applications.dc_motor().with_(plant__R=-1.0), "R = -1"), (lambda: motor.with_(J=0.0), "J = 0"),
+    (lambda: applications.double_integrator().with_(plant__m=math.nan), "m = nan")])
+def test_bad_input(make, message):
+    with pytest.raises(ParameterError, match=message):
+        make()
+
+
+def test_a_law_of_another_order_is_named():
+    with pytest.raises(BlockError, match="quasi_continuous_3"):
+        simulate(applications.dc_motor("quasi_continuous").with_(law=hosmc.quasi_continuous(3)), 0.01)
