@@ -19,14 +19,15 @@ STATE = dict(
     r=(0.0, Param("r(0)", "[v]/s^2", low=0.0, help="rate of L beyond r_0 to start with", slider=(0.0, 10.0))))
 SETTINGS = dict(
     l_0=(0.2, Param("l_0", "[v]/s", low=1e-6, log=True, help="least L", slider=(1e-3, 10.0))),
-    beta_0=(1.1, Param(r"\beta_0", "1", low=1.0, help="beta = beta_0 L", slider=(1.0, 2.0))),
-    alpha=(0.8, Param(r"\alpha", "1", low=0.01, high=1.0, help="safety factor, less than 1/beta_0", slider=(0.1, 1.0))),
+    beta_0=(1.1, Param(r"\beta_0", "1", low=1.0, help="beta = beta_0 L", slider=(1.0, 1.2))),
+    alpha=(0.8, Param(r"\alpha", "1", low=0.01, high=1.0, help="safety factor, less than 1/beta_0", slider=(0.1, 0.83))),
     eps=(0.2, Param(r"\varepsilon", "[v]/s", low=0.0, help="safety margin of L", slider=(0.0, 1.0))),
     r_0=(0.5, Param("r_0", "[v]/s^2", low=0.0, help="least rate of L", slider=(0.0, 10.0))),
     gamma=(4.0, Param(r"\gamma", "1/s^2", low=0.0, help="growth of the rate of L", slider=(0.0, 20.0))),
     delta_0=(0.05, Param(r"\delta_0", "[v]/s", low=1e-6, log=True, help="accepted error of L", slider=(1e-3, 1.0))),
     tau_f=(0.01, Param(r"\tau_f", "s", low=1e-6, log=True, help="filter of the equivalent control", slider=(1e-3, 10.0))))
 DEFAULTS = {2: (0.75, 3.0), 3: (0.75, 3.0), 4: (0.85, 1.5), 5: (0.85, 3.0)}  # r: alpha_r, omega of gamma_i from (p + omega)^r
+SPAN = {2: 10.0, 3: 2.0, 4: 1.5, 5: 1.3}  # r: factor up and down in which all gamma_i together stay Hurwitz
 DERIVATIVES = (r"\sigma", r"\dot\sigma", r"\ddot\sigma", r"\sigma^{(3)}", r"\sigma^{(4)}")
 
 
@@ -163,7 +164,8 @@ def adaptive_continuous(r):
     arguments = []
     for i in range(r):
         gain = math.comb(r, i)*w0**(r - i)
-        names[f"G{i + 1}"] = Annotated[float, Param(rf"\gamma_{i + 1}", "1", low=0.0, slider=(0.0, 4.0*gain), help="gain")]
+        names[f"G{i + 1}"] = Annotated[float, Param(rf"\gamma_{i + 1}", "1", low=1e-6, log=True, help="gain of sigma" + "'"*i,
+                                                    slider=(gain/SPAN[r], gain*SPAN[r]))]
         arguments.append(f"gamma_{i + 1}: G{i + 1} = {gain!r}")
     power_r = Param(rf"\alpha_{r}", "1", low=0.5, high=0.99, slider=(0.6, 0.99), help="power of the highest derivative")
     for n, (v, meta) in dict(alpha_r=(alpha_r, power_r), **SETTINGS).items():
