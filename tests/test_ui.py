@@ -198,7 +198,7 @@ def test_choice_of_loops():
 def test_channels_are_grouped_one_by_one():
     m = mask(channels(a=smc.smc1.quasi_smc, b=smc.smc1.sign_smc))
     m.widgets["b__rho"].value = 4.0
-    assert m.target.values == {"a__rho": 1.0, "a__eps": 0.1, "b__rho": 4.0}
+    assert m.target.values == {"a__rho": 2.0, "a__eps": 0.1, "b__rho": 4.0}
     assert [f.opener.description for f in m._body.children] == ["a: quasi smc", "b: sign smc"]
 
 
