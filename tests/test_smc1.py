@@ -7,7 +7,7 @@ import numba
 import numpy as np
 import pytest
 from chain import STARTS, TWO, WAVES, loop, loop_of_two, signs, slope, tail, transcribed
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from smcaero_nb import BlockError, ClosedLoop, Param, ParameterError, block, simulate, smc1
@@ -359,8 +359,8 @@ def test_each_law_is_its_transcription(law):
 @given(st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=5), st.floats(0, 1e3), st.floats(1e-6, 1e3))
 def test_vector_laws_are_their_formulas(s, rho, eps):
     size, s = np.linalg.norm(s), tuple(s)
-    if size > 1e-100 or size == 0.0:
-        assert unit_vector(s, rho) == pytest.approx(tuple(rho*np.array(s)/(size or 1.0)), rel=1e-12, abs=1e-300)
+    assume(size > 1e-100 or size == 0.0)  # below, the transcription itself overflows
+    assert unit_vector(s, rho) == pytest.approx(tuple(rho*np.array(s)/(size or 1.0)), rel=1e-12, abs=1e-300)
     assert quasi_unit_vector(s, rho, eps) == pytest.approx(tuple(rho*np.array(s)/(size + eps)), rel=1e-12, abs=1e-300)
     for law, gain in ((adaptive_unit_vector, 1.0/size if size else 0.0), (adaptive_quasi_unit_vector, 1.0/(size + 0.01))):
         v, (after,) = law(s, (rho,), 0.5)
@@ -481,7 +481,7 @@ def test_three_inputs():
 @pytest.mark.parametrize("m", [1, 3])
 def test_helpers_on_vectors_compiled_and_plain_agree_to_the_bit(m):
     def together(G, z, s):
-        return solved(G, s), norm(s), filtered(z, s, 0.3), scaled(s, 0.7)
+        return solved(G, s), norm(s), filtered(z, s, 0.3), scaled(s, 0.7, 1.5)
 
     rng = np.random.default_rng(m)
     vectors = [tuple(rng.normal(size=m).tolist()) for _ in range(m + 2)]

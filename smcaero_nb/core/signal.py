@@ -67,8 +67,8 @@ def _norm(s):
     return f"return abs(s{q[0]})" if len(q) == 1 else f"return sqrt({' + '.join(f's{i}*s{i}' for i in q)})"
 
 
-def _scaled(s, k):
-    return "return " + text(s, (f"k*s{q}" for q in leaves(s)))
+def _scaled(s, k, size):
+    return "return " + text(s, (f"(k*(s{q}/size) if size > 0.0 else 0.0)" for q in leaves(s)))
 
 
 def _filtered(z, s, share):
@@ -98,8 +98,8 @@ def _solved(G, s):
 
 #: Euclidean norm over all leaves.
 norm = generated("s", _norm)
-#: k s, leaf by leaf.
-scaled = generated("s, k", _scaled)
+#: k s/size, leaf by leaf, and 0 where size is 0; divided first, so that a tiny signal cannot overflow.
+scaled = generated("s, k, size", _scaled)
 #: One step of a low-pass filter: z + share (s - z), leaf by leaf.
 filtered = generated("z, s, share", _filtered)
 #: G^-1 s by elimination with row exchanges; NaN where G, a tuple of rows, is singular.

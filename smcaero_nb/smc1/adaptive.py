@@ -135,7 +135,7 @@ def adaptive_unit_vector(sigma, z, tau, gamma: Gamma = 10.0, delta: Delta = 0.02
     """
     rho, = z
     size = norm(sigma)
-    return scaled(sigma, rho/size if size > 0.0 else 0.0), (grown(rho, size, tau, gamma, delta),)
+    return scaled(sigma, rho, size), (grown(rho, size, tau, gamma, delta),)
 
 
 @block(state=GAIN)
@@ -175,4 +175,4 @@ def adaptive_quasi_unit_vector(sigma, z, tau, gamma: Gamma = 10.0, delta: Delta 
     """
     rho, = z
     size = norm(sigma)
-    return scaled(sigma, rho/(size + eps)), (grown(rho, size, tau, gamma, delta),)
+    return scaled(sigma, rho, size + eps), (grown(rho, size, tau, gamma, delta),)

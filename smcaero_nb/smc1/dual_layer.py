@@ -187,7 +187,7 @@ def dual_layer_unit_vector(m=2):
     def law(sigma, z, tau, eta: Eta = 0.05, alpha: Alpha = 0.9, eps: Eps = 0.2, r_0: R0 = 0.5, gamma: Gamma = 5.0,
             delta_0: Delta0 = 0.05, tau_f: Filter = 0.01) -> Param("v"):
         size = norm(sigma)
-        v = scaled(sigma, (z[0] + eta)/size if size > 0.0 else 0.0)
+        v = scaled(sigma, z[0] + eta, size)
         v_eq = filtered(z[2:], v, 1.0 - math.exp(-tau/tau_f))
         return v, adapted(z[0], z[1], norm(v_eq), tau, alpha, eps, r_0, gamma, delta_0) + v_eq
 

@@ -39,8 +39,7 @@ def unit_vector(sigma, rho: Rho = 2.0) -> Param("v"):
     Paper eq (12). S. Gutman, IEEE Trans. Automatic Control 24 (1979) 437. V. I. Utkin, Sliding Modes in Control and
     Optimization, Springer, 1992.
     """
-    size = norm(sigma)
-    return scaled(sigma, rho/size if size > 0.0 else 0.0)
+    return scaled(sigma, rho, norm(sigma))
 
 
 @block
@@ -72,4 +71,4 @@ def quasi_unit_vector(sigma, rho: Rho = 2.0, eps: Layer = 0.1) -> Param("v"):
     ----------
     Paper eqs (12), (13). J. A. Burton and A. S. I. Zinober, Int. J. Systems Science 17 (1986) 875.
     """
-    return scaled(sigma, rho/(norm(sigma) + eps))
+    return scaled(sigma, rho, norm(sigma) + eps)
