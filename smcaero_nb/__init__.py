@@ -1,6 +1,6 @@
 """Sliding mode control for aerospace: a teaching and analysis kit.
 
-``import smcaero_nb as smc`` gives the engine (`block`, `Param`, `channels`, `ClosedLoop`, `simulate`), the laws
+``import smcaero_nb as smc`` gives the engine (`block`, `Param`, `channels`, `ClosedLoop`, `simulate`, `accuracy`), the laws
 (`smc1`, `smc2`, `hosmc`, `pid`), the design of sliding variables (`surface`), plants to try them on (`applications`), the
 launch vehicle (`lv`), and the masks and plots (`ui`, loaded when it is first used).
 """
@@ -8,10 +8,23 @@ launch vehicle (`lv`), and the masks and plots (`ui`, loaded when it is first us
 import importlib
 
 from . import applications, hosmc, lv, pid, smc1, smc2, surface
-from .core import Block, BlockError, Channels, ClosedLoop, Metrics, Param, ParameterError, Run, block, channels, simulate
+from .core import (
+    Block,
+    BlockError,
+    Channels,
+    ClosedLoop,
+    Metrics,
+    Param,
+    ParameterError,
+    Run,
+    accuracy,
+    block,
+    channels,
+    simulate,
+)
 
-__all__ = ["Block", "BlockError", "Channels", "ClosedLoop", "Metrics", "Param", "ParameterError", "Run", "applications",
-           "block", "channels", "hosmc", "lv", "pid", "simulate", "smc1", "smc2", "surface"]
+__all__ = ["Block", "BlockError", "Channels", "ClosedLoop", "Metrics", "Param", "ParameterError", "Run", "accuracy",
+           "applications", "block", "channels", "hosmc", "lv", "pid", "simulate", "smc1", "smc2", "surface"]
 __version__ = "0.1.0"
 
 

@@ -453,7 +453,7 @@ def finite(run):
             return all(map(of, (vars(v) if isinstance(v, SimpleNamespace) else v).values()))
         return all(map(of, v)) if isinstance(v, tuple) else bool(np.all(np.isfinite(v)))
 
-    return of({k: v for k, v in vars(run).items() if k not in ("loop", "diverged_at")})
+    return of({k: v for k, v in vars(run).items() if k not in ("loop", "diverged_at") and v is not None})
 
 
 @pytest.mark.parametrize("jit", [True, False])

@@ -282,7 +282,8 @@ def test_panels_of_two_channels():
                       law=channels(a=relay, b=smc.smc2.adaptive_super_twisting))
     picture = live(loop)
     assert picture.status == ""
-    keys = {"y[0]", "dy[0]", "y[1]", "dy[1]", "r[0]", "r[1]", "u[0]", "u[1]", "sigma[0]", "sigma[1]", "law.lam[1]", "law.w[1]"}
+    keys = {"y[0]", "dy[0]", "y[1]", "dy[1]", "r[0]", "r[1]", "u[0]", "u[1]", "sigma[0]", "sigma[1]", "law.lam[1]", "law.w[1]",
+            "xi[0]", "xi[1]"}
     assert set(picture.curves) == keys
     assert picture.curves["y[1]"].xaxis == "x2" and picture.curves["y[0]"].xaxis == "x"
     assert picture.figure.layout.yaxis.title.text == "a [deg]" and picture.figure.layout.yaxis2.title.text == "b [m]"
@@ -401,25 +402,25 @@ def slow(monkeypatch):
 
 
 def busy(picture):
-    return picture._busy.layout.visibility == "visible"
+    return picture.job.layout.visibility == "visible"
 
 
 def test_a_long_run_does_not_hold_up_the_page(slow):
     before = slow.curves["u"].y.copy()
     assert not busy(slow)
     slow.mask.widgets["law__rho"].value = 3.0  # returns though the run goes on
-    assert busy(slow) and not slow._worker.idle.is_set()
+    assert busy(slow) and not slow.job.worker.idle.is_set()
     np.testing.assert_array_equal(before, slow.curves["u"].y)
     slow.gate.set()
     slow.wait()
-    assert not busy(slow) and slow._bar.value > 0 and slow.run.loop.stages["law"].values["rho"] == 3.0
+    assert not busy(slow) and slow.job.bar.value > 0 and slow.run.loop.stages["law"].values["rho"] == 3.0
     assert not np.array_equal(before, slow.curves["u"].y)
 
 
 def test_cancel(slow):
     before, run = slow.curves["u"].y.copy(), slow.run
     slow.mask.widgets["law__rho"].value = 3.0
-    slow._stop.click()
+    slow.job.stop.click()
     slow.wait()
     assert "Cancelled" in slow.status and not busy(slow) and slow.run is run
     np.testing.assert_array_equal(before, slow.curves["u"].y)

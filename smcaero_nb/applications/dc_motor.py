@@ -232,8 +232,8 @@ DC_MOTOR = {
         "quasi_smc": dict(surface=_surface, law=quasi_smc.with_(rho=2000.0, eps=0.5)),
         "super_twisting": dict(surface=_surface, law=_twisting),
         "adaptive_super_twisting": dict(surface=_surface, law=_adaptive_twisting),
-        "quasi_continuous": dict(law=_quasi_continuous.with_(L=700.0)),
-        "nested": dict(law=_nested.with_(L=700.0)),
+        "quasi_continuous": dict(law=_quasi_continuous.with_(L=800.0)),
+        "nested": dict(law=_nested.with_(L=750.0)),
         "adaptive_continuous": dict(law=_adaptive),
     },
     "speed": {
@@ -241,8 +241,8 @@ DC_MOTOR = {
         "quasi_smc": dict(law=quasi_smc.with_(rho=2200.0, eps=0.5)),
         "super_twisting": dict(law=super_twisting.with_(lam=210.0, beta=2.2e4)),
         "adaptive_super_twisting": dict(law=_adaptive_twisting),
-        "quasi_continuous": dict(surface=with_integral, law=_quasi_continuous.with_(L=1000.0)),
-        "nested": dict(surface=with_integral, law=_nested.with_(L=1000.0)),
+        "quasi_continuous": dict(surface=with_integral, law=_quasi_continuous.with_(alpha=2.0, L=1500.0)),
+        "nested": dict(surface=with_integral, law=_nested.with_(alpha=1.5, L=1700.0)),
         "adaptive_continuous": dict(surface=with_integral, law=_adaptive),
     },
 }

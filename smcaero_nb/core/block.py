@@ -5,6 +5,7 @@ names its state and asks for `z` and `tau`; it returns (output, next z). A plant
 """
 
 import copy
+import functools
 import inspect
 
 from .cache import fingerprint
@@ -36,9 +37,13 @@ class Block:
         Metadata of what it returns, from the return annotation.
     check : function or None
         What the values have to satisfy together.
+    theorem : function or None
+        What a law's theorem assumes of the perturbation.
+    r : int or None
+        Relative degree that a law is for, where it is not the number of derivatives that it sees.
     """
 
-    def __init__(self, f, state, check=None):
+    def __init__(self, f, state, check=None, theorem=None, r=None):
         if not inspect.isfunction(f):
             raise BlockError(f"block: a block is made of a plain function, not of {f!r}")
         self.f, self.name, self.__doc__ = f, f.__name__, f.__doc__
@@ -51,7 +56,7 @@ class Block:
             self.states[name], self.values[name] = meta, meta.check(self.name, name, v)
         if "z" in self.signals and not state:
             raise BlockError(f"{self.name} asks for z, but names no state: @block(state=dict(...))")
-        self.check = check
+        self.check, self.theorem, self.r = check, theorem, r
         self._together()
 
     def _together(self):
@@ -151,7 +156,7 @@ def routed(owner, parts, changes):
     return new
 
 
-def block(f=None, *, state=None, check=None):
+def block(f=None, *, state=None, check=None, theorem=None, r=None):
     r"""Make a block of a plain function.
 
     Parameters
@@ -166,6 +171,11 @@ def block(f=None, *, state=None, check=None):
     check : function, optional
         What parameters and initial states must satisfy together: it is given ``{name: value}`` of all of them, each
         allowed by itself, and returns None, or the sentence that says which condition does not hold.
+    theorem : function, optional
+        Of a law: what its theorem assumes of the perturbation. It is given ``{name: value}`` and the greatest \|xi\| and
+        \|xi'\| of a run, and returns None, or the sentence that says which condition does not hold; see `Run.doubts`.
+    r : int, optional
+        Of a law: the relative degree it is for, where it is not the number of derivatives that it sees.
 
     Returns
     -------
@@ -182,7 +192,8 @@ def block(f=None, *, state=None, check=None):
     ... def sign_law(sigma, rho: Annotated[float, Param(r"\rho", "[v]", low=0.0)] = 1.0):
     ...     return rho*((sigma > 0.0) - (sigma < 0.0))
     """
-    return Block(f, state or {}, check) if f else lambda g: Block(g, state or {}, check)
+    made = functools.partial(Block, state=state or {}, check=check, theorem=theorem, r=r)
+    return made(f) if f else made
 
 
 def channels(**parts):

@@ -19,6 +19,7 @@ from .cache import compiled, kept
 from .metrics import metrics
 from .param import Param, ParameterError, positive
 from .signal import flat, leaves, shape, text
+from .theorem import doubts, perturbation
 
 __all__ = ["ClosedLoop", "Run", "simulate"]
 
@@ -126,6 +127,7 @@ def run(S, P, rec, dt, tau, m, every, n, k, stop, sample, row, line):
             break
         if k == sample:
             sample += m
+            {held}
             {control}
             if not ({driven}):
                 diverged = True
@@ -196,11 +198,13 @@ class _Writer:
                  "advance": self.written(self.advance, METHODS[method])}
         names = {s: [_local(s, q) for q in leaves(self.shapes[s])] for s in self.shapes}
         e, u, watched = names["e"], names["u"], names["sigma"] + names["u"]
-        self.columns = ["t", *(q for s in SIGNALS[1:] for q in names[s]), *self.x, *self.z,
-                        *(f"{b}_{q}" for q in watched for b in ("low", "high"))]
         held = [q for s, _ in GIVES.values() for q in names[s]]
+        v = names["v"] if self.stages["law"] else []
+        self.columns = ["t", *(q for s in SIGNALS[1:] for q in names[s]), *self.x, *self.z,
+                        *(f"{b}_{q}" for q in watched for b in ("low", "high")), *(f"integral_{q}" for q in v)]
         self.state = list(dict.fromkeys([
-            *self.x, *self.z, *held, *(f"{b}_{q}" for q in u for b in ("held", "last", "variation", "turns")),
+            *self.x, *self.z, *held, *(f"{b}_{q}" for q in v for b in ("integral", "sum")),
+            *(f"{b}_{q}" for q in u for b in ("held", "last", "variation", "turns")),
             *(f"{b}_{q}" for q in watched for b in ("low", "high")), *(f"sum_{q}" for q in e + u),
             *(f"max_{q}" for q in e + watched)]))
 
@@ -210,12 +214,14 @@ class _Writer:
         driven = dict.fromkeys([*estimates, *names["sigma"], *names["v"], *u, *self.z])  # a NaN ends the run unrecorded
         parts["inside"] = " and ".join([f"{' + '.join(f'abs({q})' for q in [*self.x, *e, *names['d']])} <= {LIMIT!r}", *limits])
         parts["driven"] = f"{' + '.join(f'abs({q})' for q in driven)} <= {LIMIT!r}"
+        parts["held"] = [f"integral_{q} += tau*{q}" for q in v]
         parts["watch"] = [line for q in u for line in (
             f"step = {q} - held_{q}", "if step != 0.0:", f"    variation_{q} += abs(step)", f"    if step*last_{q} < 0.0:",
             f"        turns_{q} += 1.0", f"    last_{q} = step", f"held_{q} = {q}")]
         parts["watch"] += [f"{b}_{q} = {q} if {q} {than} {b}_{q} else {b}_{q}"
                            for q in watched for b, than in (("low", "<"), ("high", ">"))]
         parts["watch"] += [f"max_{q} = abs({q}) if abs({q}) > max_{q} else max_{q}" for q in watched]
+        parts["watch"] += [f"sum_{q} += abs({q})" for q in v]
         parts["sums"] = [f"sum_{q} += abs({q})" for q in e + u]
         parts["peaks"] = [f"max_{q} = abs({q}) if abs({q}) > max_{q} else max_{q}" for q in e]
         parts["record"] = [f"rec[line, {i}] = {q}" for i, q in enumerate(self.columns)]
@@ -438,8 +444,13 @@ class Run:
         Named states: ``run.x.theta``, ``run.z.law.lam``, ``run.z.law.attitude.rho``; `z` as the latest sample left it.
     low, high : namespace
         Least and greatest value of `sigma` and `u` since the row before: what chattering reaches between rows.
-    mean_e, mean_u : float or nested tuple
-        Means of \|e\|, \|u\| over all steps.
+    xi : ndarray, nested tuple of ndarray, or None
+        The perturbation as the law meets it, sigma^(r) + v, averaged since the row before: all that the law does not know.
+        Nested as `v`; None where there is no law, or its v does not belong to sigma.
+    integral_v : ndarray, nested tuple of ndarray, or None
+        Running integral of `v` up to the latest sample.
+    mean_e, mean_v, mean_u : float or nested tuple
+        Means of \|e\|, \|v\|, \|u\| over all steps; mean_v is None where there is no law.
     max_e, max_sigma, max_u, tail_e, tail_sigma, tail_u : float or nested tuple
         Greatest absolute values over all steps, and over the tail (the last fifth unless told).
     variation_u, tail_variation_u : float or nested tuple
@@ -456,12 +467,13 @@ class Run:
     """
 
     metrics = metrics
+    doubts = doubts
 
     def _repr_html_(self):
         return self.metrics()._repr_html_()
 
 
-def _result(loop, writer, rec, S, before, k, k_tail, dt, diverged):
+def _result(loop, writer, rec, S, before, k, k_tail, dt, m, diverged):
     """The `Run` of what the loop left in its arrays."""
     columns = dict(zip(writer.columns, rec.T, strict=True))
     now = dict(zip(writer.state, S.tolist(), strict=True))
@@ -488,6 +500,11 @@ def _result(loop, writer, rec, S, before, k, k_tail, dt, diverged):
     for n in ("e", "sigma", "u"):
         setattr(run, f"tail_{n}", signal(n, now.get, "max_"))
         setattr(run, f"max_{n}", signal(n, lambda q: max(now[q], before[q]), "max_"))
+    run.mean_v = run.integral_v = None
+    if loop.stages["law"]:
+        run.mean_v = signal("v", lambda q: now[q]/max(k//m + 1, 1), "sum_")
+        run.integral_v = signal("v", columns.get, "integral_")
+    run.xi = perturbation(run, m*dt)
     run.tail = max(k - k_tail, 0)*dt
     run.variation_u = signal("u", now.get, "variation_")
     for n in ("variation", "turns"):
@@ -576,4 +593,4 @@ def simulate(loop, duration=None, dt=None, tau=None, *, method="euler", record=2
         chunk = max(1, int((k - at)*min(8.0, CHUNK/max(time.perf_counter() - began, 1e-6))))
         if progress:
             progress(min(k/n, 1.0))
-    return _result(loop, writer, rec[:line], S, before, min(k, n), k_tail, dt, diverged)
+    return _result(loop, writer, rec[:line], S, before, min(k, n), k_tail, dt, m, diverged)

@@ -7,7 +7,7 @@ for the powers 2 and 1/2, which compilers turn into these, and `power` for other
 import math
 from typing import Annotated
 
-from ..core import Param, ParameterError, block
+from ..core import Param, ParameterError, block, exceeds
 
 __all__ = ["law", "order", "power", "ratio", "sign"]
 
@@ -91,4 +91,4 @@ def law(name, r, psi, alpha, said="", **doc):
     f = names[name]
     f.__doc__ = DOC.format(r=r, signal="float" if r == 1 else f"tuple of {r} float", **doc,
                            meaning="Sliding variable" + (f" and its derivatives up to the order {r - 1}" if r > 1 else ""))
-    return block(f)
+    return block(f, theorem=exceeds("L"))

@@ -3,7 +3,7 @@ r"""First-order sliding mode control, fixed gain: sigma' = xi - v, \\|xi\\| <= L
 import math
 from typing import Annotated
 
-from ..core import Param, block
+from ..core import Param, block, exceeds
 
 __all__ = ["quasi_smc", "saturation_smc", "sign", "sign_smc", "tanh_smc"]
 
@@ -17,7 +17,7 @@ def sign(s):
     return 1.0 if s > 0.0 else -1.0 if s < 0.0 else 0.0
 
 
-@block
+@block(theorem=exceeds("rho"))
 def sign_smc(sigma, rho: Rho = 2.0) -> Param("v"):
     r"""First-order sliding mode control.
 
@@ -51,7 +51,7 @@ def sign_smc(sigma, rho: Rho = 2.0) -> Param("v"):
     return rho*sign(sigma)
 
 
-@block
+@block(theorem=exceeds("rho"))
 def quasi_smc(sigma, rho: Rho = 2.0, eps: Layer = 0.1) -> Param("v"):
     r"""Continuous (quasi) sliding mode control, sigmoid.
 
@@ -86,7 +86,7 @@ def quasi_smc(sigma, rho: Rho = 2.0, eps: Layer = 0.1) -> Param("v"):
     return rho*sigma/(abs(sigma) + eps)
 
 
-@block
+@block(theorem=exceeds("rho"))
 def saturation_smc(sigma, rho: Rho = 2.0, eps: Layer = 0.1) -> Param("v"):
     r"""Continuous (quasi) sliding mode control, saturation.
 
@@ -121,7 +121,7 @@ def saturation_smc(sigma, rho: Rho = 2.0, eps: Layer = 0.1) -> Param("v"):
     return rho*(1.0 if q > 1.0 else -1.0 if q < -1.0 else q)
 
 
-@block
+@block(theorem=exceeds("rho"))
 def tanh_smc(sigma, rho: Rho = 2.0, eps: Layer = 0.1) -> Param("v"):
     r"""Continuous (quasi) sliding mode control, hyperbolic tangent.
 

@@ -1,13 +1,13 @@
 """Unit vector control of several inputs, fixed gain: sigma' = xi - v, the norm of xi at most L < rho."""
 
-from ..core import Param, block
+from ..core import Param, block, exceeds
 from ..core.signal import norm, scaled
 from .relay import Layer, Rho
 
 __all__ = ["quasi_unit_vector", "unit_vector"]
 
 
-@block
+@block(theorem=exceeds("rho", "||xi||"))
 def unit_vector(sigma, rho: Rho = 2.0) -> Param("v"):
     r"""Unit vector sliding mode control of several inputs.
 
@@ -42,7 +42,7 @@ def unit_vector(sigma, rho: Rho = 2.0) -> Param("v"):
     return scaled(sigma, rho, norm(sigma))
 
 
-@block
+@block(theorem=exceeds("rho", "||xi||"))
 def quasi_unit_vector(sigma, rho: Rho = 2.0, eps: Layer = 0.1) -> Param("v"):
     r"""Continuous (quasi) unit vector control of several inputs, sigmoid.
 

@@ -3,14 +3,24 @@
 import math
 from typing import Annotated
 
-from ..core import Param, block
+from ..core import Param, block, exceeds
+from ..core.theorem import MARGIN
 
 __all__ = ["adaptive_super_twisting", "super_twisting"]
 
 W = Param("w(0)", "[v]", help="integral term to start with", slider=(-1.0, 1.0))
 
 
-@block(state=dict(w=(0.0, W)))
+def assumed(values, xi, dxi):
+    """What the theorem assumes of the perturbation: beta > L, lam^2 > beta + L."""
+    lam, beta = values["lam"], values["beta"]
+    if not lam*lam > beta + dxi/MARGIN:
+        return (f"|xi'| reaches {dxi:.3g}, and then lam^2 > beta + |xi'| does not hold: lam^2 = {lam*lam:.3g}, "
+                f"beta + |xi'| = {beta + dxi:.3g} [v]/s")
+    return exceeds("beta", "|xi'|", rate=True)(values, xi, dxi)
+
+
+@block(state=dict(w=(0.0, W)), theorem=assumed)
 def super_twisting(sigma, z, tau,
                    lam: Annotated[float, Param(r"\lambda", "[v]/[sigma]^1/2", low=0.0, help="1.5 sqrt(L), L the bound of |xi'|",
                                                slider=(0.0, 10.0))] = 1.5,

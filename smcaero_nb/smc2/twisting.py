@@ -4,7 +4,7 @@ import math
 from collections import namedtuple
 from typing import Annotated
 
-from ..core import Param, block
+from ..core import Param, block, exceeds
 from ..core.param import positive
 
 __all__ = ["Gains", "adaptive_twisting", "gains", "twisting"]
@@ -33,7 +33,12 @@ def converges(values):
         return f"alpha_1 - alpha_2 > L does not hold: alpha_1 - alpha_2 = {a:g} - {b:g} = {a - b:g}, L = {bound:g} [v]/s"
 
 
-@block(state=dict(v=(0.0, V)), check=converges)
+def assumed(values, xi, dxi):
+    """What the theorem assumes of the perturbation."""
+    return exceeds("L", "|xi'|", rate=True)(values, xi, dxi) or exceeds("v_M")(values, xi, dxi)
+
+
+@block(state=dict(v=(0.0, V)), check=converges, theorem=assumed, r=1)
 def twisting(sigma, z, tau,
              alpha_1: Annotated[float, Param(r"\alpha_1", "[v]/s", low=0.0, help="gain of sign(sigma)",
                                              slider=(0.0, 20.0))] = 2.4,
@@ -87,7 +92,7 @@ def twisting(sigma, z, tau,
 
 
 @block(state=dict(alpha_1=(1.0, Param(r"\alpha_1(0)", "[v]/s", low=0.0, help="gain to start with", slider=(0.0, 20.0))),
-                  v=(0.0, V)))
+                  v=(0.0, V)), theorem=exceeds("v_M"), r=1)
 def adaptive_twisting(
         sigma, z, tau,
         gamma: Annotated[float, Param(r"\gamma_1", "[v]/s^2", low=0.0, log=True, help="speed of the adaptation",

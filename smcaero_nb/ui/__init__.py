@@ -3,5 +3,6 @@
 from .board import Live, live
 from .form import Mask, mask
 from .panels import plot
+from .studies import Certificate, Compare, certificate, compare
 
-__all__ = ["Live", "Mask", "live", "mask", "plot"]
+__all__ = ["Certificate", "Compare", "Live", "Mask", "certificate", "compare", "live", "mask", "plot"]

@@ -1,6 +1,5 @@
 """Masks: the form of a block or closed loop, made from the metadata of its parameters."""
 
-import html
 import math
 import pathlib
 import re
@@ -14,7 +13,7 @@ import traitlets
 from ..core import ClosedLoop, ParameterError
 from ..core.block import Channels
 from ..core.param import unknown
-from .words import doc_html, label
+from .words import doc_html, label, said_html
 
 __all__ = ["Mask", "mask"]
 
@@ -236,12 +235,21 @@ class Mask(W.VBox):
 
     def say(self, text="", refused=False):
         """Show a message under the form; screen readers announce it."""
-        kind = "bad" if refused else "good"
-        self._status.value = text and f'<span class="smcaero-{kind}">{html.escape(text, quote=False)}</span>'
+        self._status.value = said_html(text, refused)
 
     def on_drawn(self, f):
         """Call `f` whenever a page has drawn a new plot beside this mask."""
         self._page.on_msg(lambda *_: f())
+
+    def in_this_world(self):
+        """{name: loop} of all that are offered, each with what was changed in the vehicle and world of the chosen one."""
+        return {n: self._brought(self.choice.value, n) for n in self.offered}
+
+    def _brought(self, old, new):
+        """One of the loops, with what was changed in the vehicle and world of another."""
+        was, now, there = _settable(self._given[old]), _settable(self.offered[old]), _settable(self.offered[new])
+        return self.offered[new].with_(**{n: v for n, (_, v, _) in now.items() if n in there and v != was[n][1]
+                                          and n.split("__")[0] in WORLD})
 
     def _put(self, target):
         """Show a target and tell the observers."""
@@ -276,11 +284,7 @@ class Mask(W.VBox):
     def _choose(self, old=None):
         """Show the form of the chosen loop; what was changed in the vehicle and its world comes along."""
         with self._lock:
-            target = self.offered[self.choice.value]
-            if old is not None:
-                was, now, there = _settable(self._given[old]), _settable(self.offered[old]), _settable(target)
-                target = target.with_(**{n: v for n, (_, v, _) in now.items() if n in there and v != was[n][1]
-                                         and n.split("__")[0] in WORLD})
+            target = self._brought(old, self.choice.value) if old is not None else self.offered[self.choice.value]
             if self.choice.value not in self._forms:
                 self._forms[self.choice.value] = self._form(target)
             self._rows, folds = self._forms[self.choice.value]

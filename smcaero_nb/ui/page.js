@@ -4,7 +4,7 @@ function render({ model, el }) {
   let observer, fitter, timer, watch;
 
   const start = () => {
-    const mask = el.closest(".smcaero-mask");
+    const mask = el.closest(".smcaero-mask, .smcaero-study");
     if (!mask) { timer = setTimeout(start, 50); return; }
 
     // Accessible names and states: slider handles, text entries, groups that open, messages.
@@ -30,7 +30,7 @@ function render({ model, el }) {
     name();
 
     // The plot fits its cell, whatever the window and the panels beside it do.
-    const live = el.closest(".smcaero-live");
+    const live = el.closest(".smcaero-live, .smcaero-study");
     const fit = () => {
       const plot = live.querySelector(".js-plotly-plot");
       if (!plot || !plot._fullLayout) return;
@@ -43,7 +43,7 @@ function render({ model, el }) {
     let seen;
     const drawn = () => {
       const plot = live.querySelector(".js-plotly-plot");
-      if (plot && plot._fullLayout && plot !== seen) { seen = plot; model.send({ drawn: true }); }
+      if (plot && plot._fullLayout && plot !== seen) { seen = plot; fit(); model.send({ drawn: true }); }
     };
     if (live) {
       fitter = new ResizeObserver(fit);

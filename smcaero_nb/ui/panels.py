@@ -1,5 +1,7 @@
 """Pictures of runs: which curves, in which panels, drawn how."""
 
+import html
+import math
 from dataclasses import replace
 from itertools import zip_longest
 from typing import NamedTuple
@@ -7,25 +9,28 @@ from typing import NamedTuple
 import numpy as np
 import plotly.graph_objects as go
 
-from ..core import Param
+from ..core import Accuracy, Param
 from ..core.signal import flat
+from ..core.theorem import degree, laws
 from .words import UNKNOWN, measure, shown, symbol, unit_html
 
-__all__ = ["Curve", "draw", "metrics_html", "panels", "plot", "structure"]
+__all__ = ["Curve", "comparison_html", "draw", "metrics_html", "panels", "plot", "slopes", "structure"]
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")  # Okabe and Ito: told apart by everybody
+SYMBOLS = ("circle", "square", "diamond", "triangle-up", "cross")
 DASHES = ("solid", "dash", "dashdot")
-NAMED = {"sigma": r"\sigma", "dy": r"\dot y"}
-ROW, GAP, TOP, BOTTOM = 112, 28, 30, 44  # px
+NAMED = {"sigma": r"\sigma", "dy": r"\dot y", "xi": r"\xi", "phase": r"\dot\sigma"}
+PHASE = "phase portrait"  # the row whose abscissa is sigma, not time
+ROW, TALL, GAP, TOP, BOTTOM = 112, 260, 28, 30, 44  # px; the phase portrait is a tall row
 LAYOUT = dict(autosize=True, margin=dict(l=72, r=14, t=TOP, b=BOTTOM), template="plotly_white", font=dict(size=12, color="#222"),
               hovermode="x", hoversubplots="axis", uirevision="kept")
-X_AXIS = dict(visible=True, title=dict(text="t [s]", standoff=4), showspikes=True, spikethickness=1, spikecolor="#999")
+X_AXIS = dict(visible=True, showspikes=True, spikethickness=1, spikecolor="#999")
 Y_AXIS = dict(visible=True, nticks=5, exponentformat="e", zerolinecolor="#ccc", title_standoff=6)
 LEGEND = dict(orientation="h", xanchor="right", yanchor="bottom", font_size=11, bgcolor="rgba(0,0,0,0)")
 
 
 class Curve(NamedTuple):
-    """A curve: its name in `Live.curves`, its panel (row, column), metadata, and data as drawn."""
+    """A curve: its name in `Live.curves`, its panel (row, column), metadata, and data as drawn (`t`: the abscissa)."""
 
     key: str
     row: str
@@ -34,6 +39,7 @@ class Curve(NamedTuple):
     t: np.ndarray
     y: np.ndarray
     reference: bool = False
+    across: Param = Param("t", "s")
 
     @property
     def label(self):
@@ -45,6 +51,11 @@ class Curve(NamedTuple):
     def unit(self):
         """Unit as shown."""
         return unit_html(shown(self.meta)[1])
+
+    @property
+    def abscissa(self):
+        """Title of the axis below."""
+        return symbol(self.across.symbol) + unit_html(shown(self.across)[1])
 
 
 def _channels(signal, meta, many):
@@ -67,14 +78,19 @@ def _extremes(t, y, low, high):
             np.append(y[0], np.column_stack([first, second, b])))
 
 
-def panels(run, states=()):
+def panels(run, states=(), phase=False):
     """The curves of a run: output against reference, rate, control and states, sliding variable, states of the law.
+
+    An output that neither has metadata nor a reference to follow is not drawn: it is there to make the error. Where nothing
+    lies between law and plant, the perturbation that the law meets is drawn with the control.
 
     Parameters
     ----------
     run : Run
     states : sequence of str
         Plant states to draw: with the control if they have its unit, else in a panel of their own.
+    phase : bool
+        With the phase portrait, sigma' over sigma.
 
     Returns
     -------
@@ -87,13 +103,14 @@ def panels(run, states=()):
         about["y"] = tuple(replace(m, symbol=m.symbol or n) for n, m in stages["plant"].states.items())
     many = isinstance(run.y, tuple) and any(isinstance(q, tuple) for q in run.y)
     outputs = _channels(run.y, about["y"], many)
+    followed = about["y"] or stages["reference"] or not stages["law"]
 
     def add(key, row, column, meta, y, *between, reference=False, number=None):
         ts, ys = _extremes(t, y, *between) if between and len(t) > 1 else (t, y)
         key += f"[{column if number is None else number}]"*(many or number is not None)
         curves.append(Curve(key, row, column, meta, ts.astype(np.float32), (shown(meta)[0]*ys).astype(np.float32), reference))
 
-    for c, (ys, rs) in enumerate(zip(outputs, _channels(run.r, about["y"], many), strict=True)):
+    for c, (ys, rs) in enumerate(zip(outputs, _channels(run.r, about["y"], many), strict=True) if followed else ()):
         for row, key, (y, meta), r in zip(("output", "rate"), ("", "d"), ys, [*rs, None], strict=False):
             add(f"{key}y", row, c, meta, y)
             if r:
@@ -101,10 +118,14 @@ def panels(run, states=()):
     controls, = _channels(run.u, about["u"], False)
     for i, ((y, meta), low, high) in enumerate(zip(controls, flat(run.low.u), flat(run.high.u), strict=True)):
         add("u", "control", min(i, len(outputs) - 1), meta, y, low, high, number=i if len(controls) > 1 else None)
+    if run.xi is not None and not stages["allocation"] and not stages["actuator"]:
+        for i, (xi, (_, meta)) in enumerate(zip(flat(run.xi), controls, strict=True)):
+            add("xi", "control", min(i, len(outputs) - 1), replace(meta, symbol=r"\xi"), xi, reference=True,
+                number=i if len(controls) > 1 else None)
     for n in states:
         meta = stages["plant"].states[n]
         add(f"x.{n}", "control" if meta.unit == controls[0][1].unit else f"states [{meta.unit}]", 0, meta, getattr(run.x, n))
-    if stages["surface"]:
+    if stages["surface"] or not followed:
         s = [_channels(q, about["sigma"], many) for q in (run.sigma, run.low.sigma, run.high.sigma)]
         for c, ((y, meta), (low, _), (high, _)) in enumerate(zip(*([q[0] for q in one] for one in s), strict=True)):
             add("sigma", "sliding variable", c, meta, y, low, high)
@@ -113,7 +134,28 @@ def panels(run, states=()):
             for n, meta in b.states.items():
                 z = getattr(run.z.law, name) if name else run.z.law
                 add(f"law.{n}", "states of the law", c, meta, getattr(z, n))
+    for c, (name, x, y) in enumerate(_portraits(run) if phase else ()):
+        curves.append(Curve(f"phase{name}", PHASE, min(c, len(outputs) - 1), Param(), x.astype(np.float32), y.astype(np.float32),
+                            across=Param(r"\sigma")))
     return curves
+
+
+def _portraits(run):
+    """(name, sigma, sigma') of each sliding variable; sigma' = xi - v where a law is for relative degree 1."""
+    if run.xi is None:
+        return
+    many = hasattr(run.loop.stages["law"], "parts")
+    for c, ((b, sigma, v, _), xi) in enumerate(zip(laws(run), run.xi if many else (run.xi,), strict=True)):
+        s = flat(sigma)
+        if isinstance(v, tuple):
+            yield from ((f"[{i}]", q, _smooth(a) - w) for i, (q, a, w) in enumerate(zip(s, xi, v, strict=True)))
+        else:
+            yield f"[{c}]"*many, s[0], s[1] if degree(b, sigma, v) > 1 else _smooth(xi) - v
+
+
+def _smooth(xi):
+    """Without single peaks: a command that jumps takes sigma along, which is no motion of the plant."""
+    return np.median([np.append(xi[:1], xi[:-1]), xi, np.append(xi[1:], xi[-1:])], axis=0)
 
 
 def structure(curves):
@@ -137,18 +179,23 @@ def draw(runs):
     for run, (name, curves) in enumerate(runs.items()):
         for c in curves:
             places.setdefault((c.row, c.column), []).append((run, name, c))
-    rows, columns = list(dict.fromkeys(r for r, _ in places)), 1 + max((c for _, c in places), default=0)
-    height, axes = max(len(rows)*(ROW + GAP) - GAP, ROW), {}
+    rows, columns = sorted(dict.fromkeys(r for r, _ in places), key=PHASE.__eq__), 1 + max((c for _, c in places), default=0)
+    heights, tops = [TALL if r == PHASE else ROW for r in rows], [0]
+    for r, h in zip(rows, heights, strict=True):
+        tops.append(tops[-1] + h + (GAP + BOTTOM if rows[-1] == PHASE and r != PHASE and r == rows[-2] else GAP))
+    height, axes = max(tops[-1] - GAP, ROW), {}
     traces = []
-    for (row, column), here in places.items():
+    for (row, column), here in sorted(places.items(), key=lambda q: q[0][0] == PHASE):
         n = rows.index(row)
-        x, y = (str(i) if i > 1 else "" for i in (column + 1, 1 + n*columns + column))  # plotly writes x, x2, x3
+        y = str(1 + n*columns + column) if n or column else ""  # plotly writes y, y2, y3
+        x = str(1 + column + columns*(row == PHASE)) if column or row == PHASE else ""
         traces += _traces(here, dict(xaxis=f"x{x}", yaxis=f"y{y}", legend=f"legend{y}"), len(runs) > 1, not traces)
         units = {c.label: c.unit for *_, c in here if not c.reference}
         title = ", ".join(units) + (next(iter(units.values())) if len(set(units.values())) == 1 else "")
-        left, right, top = (column + 0.08*(column > 0))/columns, (column + 1)/columns, 1 - n*(ROW + GAP)/height
-        axes |= {f"yaxis{y}": dict(domain=(max(top - ROW/height, 0.0), top), anchor=f"x{x}", title_text=title, **Y_AXIS),
-                 f"xaxis{x}": dict(domain=(left, right), anchor=f"y{y}", **X_AXIS),  # below the lowest panel
+        left, right, top = (column + 0.08*(column > 0))/columns, (column + 1)/columns, 1 - tops[n]/height
+        axes |= {f"yaxis{y}": dict(domain=(max(top - heights[n]/height, 0.0), top), anchor=f"x{x}", title_text=title, **Y_AXIS),
+                 f"xaxis{x}": dict(domain=(left, right), anchor=f"y{y}", **X_AXIS | dict(  # below the lowest panel
+                     title=dict(text=here[0][2].abscissa, standoff=4))),
                  f"legend{y}": dict(x=right, y=top, **LEGEND)}
     return traces, dict(height=height + TOP + BOTTOM, **LAYOUT, **axes)
 
@@ -163,7 +210,9 @@ def _traces(curves, place, several, first):
         rank = ranks[run] = ranks.get(run, -1) + (not c.reference)
         colour = COLOURS[(run if several else rank) % len(COLOURS)]
         line = dict(color="#444", dash="dot") if c.reference else dict(color=colour, dash=DASHES[rank % len(DASHES)])
-        label = "reference" if c.reference else name if several and not rank else c.label + c.unit*mixed
+        label = name if several and not rank else c.label + c.unit*mixed
+        if c.reference:
+            label = c.label if c.key.startswith("xi") else "reference"
         tell = first or rank > 0 or c.reference if several else len(curves) > 1
         traces.append(go.Scatter(x=c.t, y=c.y, mode="lines", name=label, meta=c.key, line=dict(width=1.5, **line), **place,
                                  legendgroup=name if several and not c.reference else None, showlegend=tell and label not in told,
@@ -172,15 +221,17 @@ def _traces(curves, place, several, first):
     return traces
 
 
-def plot(runs, states=()):
-    """Draw one run, or several over one another.
+def plot(result, states=(), phase=False):
+    """Draw what the kit computes: a run, several over one another, or a measured order of sliding.
 
     Parameters
     ----------
-    runs : Run or dict of str to Run
+    result : Run, dict of str to Run, or Accuracy
         ``{name: run}`` draws each in its colour.
     states : sequence of str
-        Plant states to draw, with the control if they have its unit.
+        Of runs: plant states to draw, with the control if they have its unit.
+    phase : bool
+        Of runs: with the phase portrait, sigma' over sigma.
 
     Returns
     -------
@@ -191,9 +242,32 @@ def plot(runs, states=()):
     --------
     >>> plot({law: smc.simulate(smc.lv.loop(law)) for law in ("pd", "quasi_smc")}, states=("beta",))
     """
-    runs = runs if isinstance(runs, dict) else {"": runs}
-    traces, layout = draw({name: panels(run, states) for name, run in runs.items()})
-    return go.Figure(traces, layout)
+    if isinstance(result, Accuracy):
+        return go.Figure(*slopes(result))
+    runs = result if isinstance(result, dict) else {"": result}
+    return go.Figure(*draw({name: panels(run, states, phase) for name, run in runs.items()}))
+
+
+def slopes(accuracy):
+    """Traces and layout of a measured order of sliding: sizes over sampling steps, both logarithmic, with lines fitted."""
+    traces = []
+    for i, (name, size, slope) in enumerate(zip(accuracy.names, accuracy.sizes, accuracy.slopes, strict=True)):
+        look = dict(x=accuracy.tau, legendgroup=name, hovertemplate=f"|{name}| %{{y:.3g}}<br>tau %{{x:.3g}} s<extra></extra>")
+        colour, good = COLOURS[i % len(COLOURS)], np.isfinite(size) & (size > 0.0)
+        label = f"|{name.replace('sigma', 'σ')}|"
+        if math.isfinite(slope):
+            middle = np.exp(np.log(size[good]).mean() + slope*(np.log(accuracy.tau) - np.log(accuracy.tau[good]).mean()))
+            traces.append(go.Scatter(y=middle, mode="lines", line=dict(color=colour, width=1), showlegend=False, **look))
+            label += f": slope {slope:.2f}"
+        traces.append(go.Scatter(y=np.where(good, size, np.nan), mode="markers", name=label,
+                                 marker=dict(color=colour, size=9, symbol=SYMBOLS[i % len(SYMBOLS)]), **look))
+    drawn = accuracy.sizes[np.isfinite(accuracy.sizes) & (accuracy.sizes > 0.0)]
+    low, high = (math.floor(np.log10(drawn.min())), math.ceil(np.log10(drawn.max()))) if drawn.size else (-1, 0)
+    high = max(high, low + 1)
+    decades = dict(type="log", exponentformat="e", range=(low - 0.1, high + 0.1), dtick=1 + (high - low)//9)
+    return traces, dict(LAYOUT, height=380, hovermode="closest", showlegend=True, xaxis=dict(
+        type="log", tickvals=accuracy.tau, ticktext=[f"{t:.3g}" for t in accuracy.tau], title_text="sampling step τ [s]"),
+        yaxis=dict(title_text="greatest size in the second half", **decades))
 
 
 def metrics_html(run):
@@ -203,7 +277,25 @@ def metrics_html(run):
     said = {"J<sub>e</sub>": measure(m.J_e, 1.0, e.unit), "J<sub>u</sub>": measure(m.J_u, 1.0, u.unit),  # as papers give them
             "max |u|": measure(m.max_u, *shown(u)), "tail |e|": measure(m.tail_e, *shown(e))}
     if run.loop.stages["surface"]:
-        said |= {"tail |σ|": measure(m.tail_sigma, 1.0, sigma.unit), "reaching time": measure(m.reaching_time, 1.0, "s")}
+        said["tail |σ|"] = measure(m.tail_sigma, 1.0, sigma.unit)
+    if run.loop.stages["law"]:
+        said["reaching time"] = measure(m.reaching_time, 1.0, "s")
     said["chattering"] = f"{measure(m.variation_u, shown(u)[0], per_second)}, {measure(m.turns_u, 1.0, 'reversals/s')}"
     spans = "".join(f"<span>{n} <b>{v}</b></span>" for n, v in said.items() if UNKNOWN not in v)
     return f'<div class="smcaero-metrics">{spans}</div>'
+
+
+def comparison_html(runs):
+    """Figures of merit of several runs, as a table in HTML."""
+    head = ("reaching time", "tail |σ|", "mean |v|", "variation of u", "reversals of u")
+    rows = ""
+    for name, run in runs.items():
+        m, sigma, u = run.metrics(), flat(run.loop.metadata("sigma") or Param())[0], flat(run.loop.metadata("u") or Param())[0]
+        v = flat(run.loop.metadata("v") or Param())[0] or Param()
+        factor, unit = shown(u or Param())
+        values = (measure(m.reaching_time, 1.0, "s"), measure(m.tail_sigma, 1.0, (sigma or Param()).unit),
+                  measure(tuple(flat(run.mean_v if run.mean_v is not None else math.nan)), 1.0, v.unit),
+                  measure(m.variation_u, factor, f"{unit}/s"), measure(m.turns_u, 1.0, "1/s"))
+        rows += f'<tr><th scope="row">{html.escape(name)}</th>' + "".join(f"<td>{q}</td>" for q in values) + "</tr>"
+    cells = "".join(f'<th scope="col">{q}</th>' for q in ("law", *head))
+    return f'<table class="smcaero-table"><thead><tr>{cells}</tr></thead><tbody>{rows}</tbody></table>'

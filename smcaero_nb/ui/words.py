@@ -8,7 +8,7 @@ import unicodedata
 
 from ..core.signal import flat
 
-__all__ = ["UNKNOWN", "doc_html", "label", "measure", "shown", "symbol", "unit_html", "why_diverged"]
+__all__ = ["UNKNOWN", "doc_html", "label", "measure", "said_html", "shown", "symbol", "unit_html", "why_diverged"]
 
 SPELT = {"varepsilon": "EPSILON", "varphi": "PHI", "vartheta": "THETA", "lambda": "LAMDA", "lam": "LAMDA"}
 OTHER = {"int": "∫", "infty": "∞", "partial": "∂", "nabla": "∇", "ell": "ℓ", "cdot": "·"}
@@ -68,6 +68,11 @@ def measure(values, factor, unit):
         return UNKNOWN
     said = ", ".join(f"{v*factor:.3g}" for v in values)
     return said if unit == "1" else said + " " + re.sub(POWER, r"<sup>\1</sup>", unit)
+
+
+def said_html(text, refused):
+    """A message, as a refusal or as a remark."""
+    return text and f'<span class="smcaero-{"bad" if refused else "good"}">{html.escape(text, quote=False)}</span>'
 
 
 def doc_html(doc):

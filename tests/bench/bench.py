@@ -14,6 +14,8 @@ import sys
 import tempfile
 import time
 
+import hosmc
+import laws
 import numpy as np
 
 import smcaero_nb as smc
@@ -58,7 +60,7 @@ def speed(rounds):
     parameters = np.array([*list(b["plant"].values())[:17], b["surface"]["c_0"], b["surface"]["c_int"], b["law"]["rho"],
                            b["law"]["eps"], b["allocation"]["G0"], b["reference"]["unit"], *b["perturbation"].values()])
     n = round(DURATION/DT)
-    rec, sums = np.zeros((ROWS + 1, 24)), np.zeros(9)
+    rec, sums = np.zeros((ROWS + 1, 25)), np.zeros(10)
     with tempfile.TemporaryDirectory() as folder:
         same, bare = in_c(folder, "same"), in_c(folder, "bare", "-DBARE")
         jobs = {"C, bare loop": lambda: bare(parameters, n, np.zeros_like(rec), sums.copy()),
@@ -71,7 +73,7 @@ def speed(rounds):
             for name, job in jobs.items():
                 times[name].append(seconds(job)/n*1e9)
     columns = [run.t, run.r, *run.y, *run.e, *run.e_hat, run.sigma, run.v, run.u, run.d, *vars(run.x).values(),
-               run.z.surface.integral, run.low.sigma, run.high.sigma, run.low.u, run.high.u]
+               run.z.surface.integral, run.low.sigma, run.high.sigma, run.low.u, run.high.u, run.integral_v]
     apart = max(np.abs(a - c).max() for a, c in zip(columns, rec.T, strict=True))
     figures = [run.mean_e[0]*n, run.mean_e[1]*n, run.mean_u*n, *run.tail_e, run.tail_sigma, run.tail_u, run.variation_u]
     apart_sums = max(abs(a/c - 1.0) for a, c in zip(figures, sums, strict=False))
@@ -128,7 +130,9 @@ def fixed(rounds):
 
 if __name__ == "__main__":
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 15
-    held = [speed(count), start(3)]
+    held = [speed(count), laws.beside_c(count), hosmc.beside_c(count), start(3)]
     fixed(count)
+    laws.each_law(max(3, count//3))
+    hosmc.of_each(max(3, count//3))
     print("All limits hold." if all(held) else "A limit does not hold.")
     sys.exit(not all(held))

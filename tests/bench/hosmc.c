@@ -9,7 +9,7 @@ long run(const double *P, double dt, long n, long m, long every, long k_tail, do
     double x0 = P[6], x1 = P[7], x2 = P[8], y0 = 0, y1 = 0, y2 = 0, v = 0;
 #ifndef BARE
     double se0 = 0, se1 = 0, se2 = 0, su = 0, me0 = 0, me1 = 0, me2 = 0, ms0 = 0, ms1 = 0, ms2 = 0, mu = 0;
-    double tv = 0, turns = 0, last = 0, held = 0;
+    double tv = 0, turns = 0, last = 0, held = 0, sv = 0, iv = 0;
     double lo0 = INFINITY, hi0 = -INFINITY, lo1 = INFINITY, hi1 = -INFINITY, lo2 = INFINITY, hi2 = -INFINITY;
     double ulo = INFINITY, uhi = -INFINITY;
 #endif
@@ -23,6 +23,9 @@ long run(const double *P, double dt, long n, long m, long every, long k_tail, do
         if (k == sample) {
             sample += m;
             y0 = x0; y1 = x1; y2 = x2;
+#ifndef BARE
+            iv += m*dt*v;
+#endif
             double s0 = y0/L, s1 = y1/L1, s2 = y2/L2, b = s1*sqrt(fabs(s1)), c = s2*s2*s2, d = fabs(c) + fabs(b) + fabs(s0);
             v = d > 0 ? alpha*L3*((c + b + s0)/d) : 0;
 #ifndef BARE
@@ -34,6 +37,7 @@ long run(const double *P, double dt, long n, long m, long every, long k_tail, do
                 last = step;
             }
             held = v;
+            sv += fabs(v);
             if (y0 < lo0) lo0 = y0;
             if (y0 > hi0) hi0 = y0;
             if (y1 < lo1) lo1 = y1;
@@ -54,11 +58,11 @@ long run(const double *P, double dt, long n, long m, long every, long k_tail, do
         if (fabs(x2) > me2) me2 = fabs(x2);
 #endif
         if (k == row) {
-            double *o = rec; rec += 28;
+            double *o = rec; rec += 29;
             o[0] = t; o[1] = 0; o[2] = -x0; o[3] = -x1; o[4] = -x2; o[5] = x0; o[6] = x1; o[7] = x2; o[8] = y0; o[9] = y1;
             o[10] = y2; o[11] = y0; o[12] = y1; o[13] = y2; o[14] = v; o[15] = v; o[16] = xi; o[17] = x0; o[18] = x1; o[19] = x2;
 #ifndef BARE
-            o[20] = lo0; o[21] = hi0; o[22] = lo1; o[23] = hi1; o[24] = lo2; o[25] = hi2; o[26] = ulo; o[27] = uhi;
+            o[20] = lo0; o[21] = hi0; o[22] = lo1; o[23] = hi1; o[24] = lo2; o[25] = hi2; o[26] = ulo; o[27] = uhi; o[28] = iv;
             lo0 = hi0 = y0; lo1 = hi1 = y1; lo2 = hi2 = y2; ulo = uhi = v;
 #endif
             row = row + every < n ? row + every : n;
@@ -72,7 +76,7 @@ long run(const double *P, double dt, long n, long m, long every, long k_tail, do
     }
 #ifndef BARE
     acc[0] = se0; acc[1] = se1; acc[2] = se2; acc[3] = su; acc[4] = me0; acc[5] = me1; acc[6] = me2; acc[7] = ms0; acc[8] = mu;
-    acc[9] = tv; acc[10] = turns; acc[11] = ms1; acc[12] = ms2;
+    acc[9] = tv; acc[10] = turns; acc[11] = ms1; acc[12] = ms2; acc[13] = sv;
 #endif
     return k;
 }

@@ -1,6 +1,6 @@
 """Benchmark of the higher-order laws: ns a step of each on its chain, and the compiled loop beside the same loop in C.
 
-``python tests/bench/hosmc.py [rounds]``.
+``python tests/bench/hosmc.py [rounds]`` runs it alone.
 """
 
 import ctypes
@@ -53,7 +53,7 @@ def beside_c(rounds):
         return True
     loop = smc.applications.perturbed_chain(hosmc.quasi_continuous(3), 3)
     parameters = np.array([v for s in ("law", "perturbation", "plant") for v in loop.stages[s].values.values()])
-    rec, sums = np.zeros((ROWS + 1, 28)), np.zeros(13)
+    rec, sums = np.zeros((ROWS + 1, 29)), np.zeros(14)
     with tempfile.TemporaryDirectory() as folder:
         same, bare = in_c(folder, "same"), in_c(folder, "bare", "-DBARE")
         jobs = {"C, bare loop": lambda: bare(parameters, np.zeros_like(rec), sums.copy()),
@@ -66,7 +66,7 @@ def beside_c(rounds):
             for name, job in jobs.items():
                 times[name].append(seconds(job)/STEPS*1e9)
     columns = [run.t, run.r, *run.y, *run.e, *run.e_hat, *run.sigma, run.v, run.u, run.d, *vars(run.x).values()]
-    columns += [q for pair in zip(run.low.sigma, run.high.sigma, strict=True) for q in pair] + [run.low.u, run.high.u]
+    columns += [q for pair in zip(run.low.sigma, run.high.sigma, strict=True) for q in pair] + [run.low.u, run.high.u, run.integral_v]
     apart = max(np.abs(a - c).max() for a, c in zip(columns, rec.T, strict=True))
     figures = [*(q*STEPS for q in run.mean_e), run.mean_u*STEPS, *run.tail_e, run.tail_sigma[0], run.tail_u, run.variation_u]
     apart_sums = max(abs(a/c - 1.0) for a, c in zip(figures, sums, strict=False))
@@ -96,12 +96,8 @@ def of_each(rounds):
         print(f"  {name:<32}{', '.join(said)}")
 
 
-def speed(rounds):
-    """All of it; True if the limit holds."""
-    held = beside_c(rounds)
-    of_each(max(rounds//3, 1))
-    return held
-
-
 if __name__ == "__main__":
-    sys.exit(not speed(int(sys.argv[1]) if len(sys.argv) > 1 else 15))
+    count = int(sys.argv[1]) if len(sys.argv) > 1 else 15
+    held = beside_c(count)
+    of_each(max(count//3, 1))
+    sys.exit(not held)

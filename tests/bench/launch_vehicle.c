@@ -12,7 +12,7 @@ long run(const double *P, double dt, long n, long every, long k_tail, double *re
     const double c1 = P[17], c0 = P[18], rho = P[19], eps = P[20], G0 = P[21], unit = P[22], f0 = P[23], f1 = P[24], w = P[25];
     double x1 = 0, b = 0, bd = 0, th = 0, q = 0, eta = 0, etad = 0, ie = 0;
 #ifndef BARE
-    double se = 0, sd = 0, su = 0, me = 0, md = 0, ms = 0, mu = 0, tv = 0, turns = 0, last = 0, held = 0;
+    double se = 0, sd = 0, su = 0, me = 0, md = 0, ms = 0, mu = 0, tv = 0, turns = 0, last = 0, held = 0, sv = 0, iv = 0, vh = 0;
     double slo = 0, shi = 0, ulo = 0, uhi = 0;
 #endif
     long k, row = 0;
@@ -26,6 +26,9 @@ long run(const double *P, double dt, long n, long every, long k_tail, double *re
         if (!(fabs(x1) + fabs(b) + fabs(bd) + fabs(th) + fabs(q) + fabs(eta) + fabs(etad) + fabs(e) + fabs(ed) + fabs(f) <= 1e12
               && y >= -10 && y <= 10)) break;
 #endif
+#ifndef BARE
+        iv += dt*vh;
+#endif
         double s = ed + c1*e + c0*ie, v = rho*s/(fabs(s) + eps), u = v/G0;
         ie += dt*e;
 #ifndef BARE
@@ -37,6 +40,8 @@ long run(const double *P, double dt, long n, long every, long k_tail, double *re
             last = step;
         }
         held = u;
+        vh = v;
+        sv += fabs(v);
         if (s < slo) slo = s;
         if (s > shi) shi = s;
         if (u < ulo) ulo = u;
@@ -46,11 +51,11 @@ long run(const double *P, double dt, long n, long every, long k_tail, double *re
         if (fabs(u) > mu) mu = fabs(u);
 #endif
         if (k == row) {
-            double *o = rec; rec += 24;
+            double *o = rec; rec += 25;
             o[0] = t; o[1] = r; o[2] = y; o[3] = dy; o[4] = e; o[5] = ed; o[6] = e; o[7] = ed; o[8] = s; o[9] = v; o[10] = u; o[11] = f;
             o[12] = x1; o[13] = b; o[14] = bd; o[15] = th; o[16] = q; o[17] = eta; o[18] = etad; o[19] = ie;
 #ifndef BARE
-            o[20] = slo; o[21] = shi; o[22] = ulo; o[23] = uhi;
+            o[20] = slo; o[21] = shi; o[22] = ulo; o[23] = uhi; o[24] = iv;
             slo = shi = s; ulo = uhi = u;
 #endif
             row = row + every < n ? row + every : n;
@@ -66,7 +71,7 @@ long run(const double *P, double dt, long n, long every, long k_tail, double *re
         b += dt*bd; bd += dt*bdd; th += dt*q; q += dt*qd; eta += dt*etad; etad += dt*etadd;
     }
 #ifndef BARE
-    acc[0] = se; acc[1] = sd; acc[2] = su; acc[3] = me; acc[4] = md; acc[5] = ms; acc[6] = mu; acc[7] = tv; acc[8] = turns;
+    acc[0] = se; acc[1] = sd; acc[2] = su; acc[3] = me; acc[4] = md; acc[5] = ms; acc[6] = mu; acc[7] = tv; acc[8] = turns; acc[9] = sv;
 #endif
     return k;
 }

@@ -2,11 +2,11 @@
    chattering and divergence tests that smcaero_nb gives with every run.
 
    long law(P, dt, n, every, k_tail, rec, acc): P holds the law's parameters, its initial states, then the plant's.
-   A row of rec: t r y e e_hat sigma v u d, states of the plant, states of the law, low and high of sigma, of u.
-   acc: sums of |e|, |u|; maxima of |e|, |sigma|, |u| from k_tail on; variation of u, its turns. */
+   A row of rec: t r y e e_hat sigma v u d, states of the plant, states of the law, low and high of sigma, of u, integral of v.
+   acc: sums of |e|, |u|; maxima of |e|, |sigma|, |u| from k_tail on; variation of u, its turns; sum of |v|. */
 #include <math.h>
 
-typedef struct { double se, su, me, ms, mu, variation, turns, last, held, slo, shi, ulo, uhi; } watch;
+typedef struct { double se, su, me, ms, mu, variation, turns, last, held, slo, shi, ulo, uhi, sv, iv, v; } watch;
 
 static inline double sign(double s) { return (s > 0) - (s < 0); }
 static inline double larger(double a, double b) { return a > b ? a : b; }
@@ -22,6 +22,8 @@ static inline int driven(watch *w, double s, double v, double u)
         w->last = step;
     }
     w->held = u;
+    w->v = v;
+    w->sv += fabs(v);
     if (s < w->slo) w->slo = s;
     if (s > w->shi) w->shi = s;
     if (u < w->ulo) w->ulo = u;
@@ -33,14 +35,14 @@ static inline int driven(watch *w, double s, double v, double u)
 
 static inline double *extremes(watch *w, double *o, double s, double u)
 {
-    o[0] = w->slo; o[1] = w->shi; o[2] = w->ulo; o[3] = w->uhi;
+    o[0] = w->slo; o[1] = w->shi; o[2] = w->ulo; o[3] = w->uhi; o[4] = w->iv;
     w->slo = w->shi = s; w->ulo = w->uhi = u;
-    return o + 4;
+    return o + 5;
 }
 
 static inline void sums(const watch *w, double *acc)
 {
-    acc[0] = w->se; acc[1] = w->su; acc[2] = w->me; acc[3] = w->ms; acc[4] = w->mu; acc[5] = w->variation; acc[6] = w->turns;
+    acc[0] = w->se; acc[1] = w->su; acc[2] = w->me; acc[3] = w->ms; acc[4] = w->mu; acc[5] = w->variation; acc[6] = w->turns; acc[7] = w->sv;
 }
 
 /* A chain of order 1: CONTROL makes v of s and advances the law's states, STORE puts them at *o++. */
@@ -52,6 +54,7 @@ static inline void sums(const watch *w, double *acc)
         double t = k*dt, y = -x, e = 0 - y, d = sin(t), s = e, v; \
         if (!(fabs(x) + fabs(e) + fabs(d) <= 1e12)) break; \
         if (k == k_tail) w.me = w.ms = w.mu = 0; \
+        w.iv += dt*w.v; \
         CONTROL \
         if (!driven(&w, s, v, v)) break; \
         w.me = larger(fabs(e), w.me); \

@@ -1,6 +1,6 @@
 """Benchmarks of the laws on their chains: some beside the same loop hand-written in C, all in ns a step.
 
-``python tests/bench/laws.py [rounds]`` runs them alone; ``bench.py`` may call `beside_c` and `each_law`.
+``python tests/bench/laws.py [rounds]`` runs them alone.
 """
 
 import ctypes
@@ -107,7 +107,7 @@ def in_c(c, name, loop, n):
     f.argtypes, f.restype = [array, ctypes.c_double, whole, whole, whole, array, array], whole
     law, plant = loop.stages["law"], loop.stages["plant"]
     P = np.array([*law.values.values(), *plant.z0])
-    rec, acc = np.zeros((ROWS + 1, 13 + len(plant.z0) + len(law.z0))), np.zeros(7)
+    rec, acc = np.zeros((ROWS + 1, 14 + len(plant.z0) + len(law.z0))), np.zeros(8)
 
     def run():
         assert f(*(q.ctypes.data_as(array) if isinstance(q, np.ndarray) else q
@@ -119,7 +119,7 @@ def in_c(c, name, loop, n):
 def apart(run, rec, acc):
     """Largest difference between a run and the rows and sums of the C."""
     columns = [run.t, run.r, run.y, run.e, run.e_hat, run.sigma, run.v, run.u, run.d, *vars(run.x).values(),
-               *vars(run.z.law).values(), run.low.sigma, run.high.sigma, run.low.u, run.high.u]
+               *vars(run.z.law).values(), run.low.sigma, run.high.sigma, run.low.u, run.high.u, run.integral_v]
     figures = [run.mean_e*run.steps, run.mean_u*run.steps, run.tail_e, run.tail_sigma, run.tail_u, run.variation_u]
     return max(*(np.abs(a - b).max() for a, b in zip(columns, rec.T, strict=True)),
                *(abs(a/b - 1.0) for a, b in zip(figures, acc, strict=False)))

@@ -36,7 +36,7 @@ ROUNDS = 5
 
 def presses(nb, simulate, dt, keys=KEYS):
     """Latencies of some key presses [ms]."""
-    nb.ask(f"board.simulate, picture._options['dt'] = {simulate}, {dt}")
+    nb.ask(f"board.simulate, picture.times['dt'] = {simulate}, {dt}")
     handle, seen = nb.slider("law__rho"), []
     for i in range(keys):
         nb.page.evaluate("() => { redrawn.length = 0 }")

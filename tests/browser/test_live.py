@@ -12,7 +12,7 @@ CELL = """import smcaero_nb as smc
 loops = {"quasi-SMC": "quasi_smc", "adaptive super-twisting": "adaptive_super_twisting", "PD": "pd"}
 picture = smc.ui.live({name: smc.lv.loop(law) for name, law in loops.items()}, states=("beta",))
 picture"""
-RESET = """picture._options["dt"] = None
+RESET = """picture.times["dt"] = None
 picture.mask.choice.value = "quasi-SMC"
 picture.mask.reset()
 picture.wait()"""
@@ -132,19 +132,19 @@ def test_page_loaded_anew_shows_what_is_set(nb):
 
 def test_long_run_is_cancelled_from_the_page(nb):
     before, _ = nb.curve("y")
-    nb.ask("picture._options['dt'] = 1e-8")  # minutes
+    nb.ask("picture.times['dt'] = 1e-8")  # minutes
     nb.slider("law__rho").press("ArrowRight")
     cancel = nb.page.locator(".smcaero-busy button")
     cancel.wait_for()
     nb.page.wait_for_function("() => parseFloat(document.querySelector('.smcaero-busy .progress-bar').style.width) > 0")
-    assert nb.ask("print(picture._worker.idle.is_set())") == "False"  # the kernel answers meanwhile
+    assert nb.ask("print(picture.job.worker.idle.is_set())") == "False"  # the kernel answers meanwhile
     nb.slider("law__rho").press("ArrowRight")  # the newest setting takes the place of the one at work
     cancel.click()
     assert "the curves are those of the last good setting" in nb.said("Cancelled")
     cancel.wait_for(state="hidden")
-    assert nb.ask("print(picture._worker.idle.is_set(), picture.loop.stages['law'].values['rho'])") == "True 2.1"
+    assert nb.ask("print(picture.job.worker.idle.is_set(), picture.loop.stages['law'].values['rho'])") == "True 2.1"
     assert nb.curve("y")[0] == before
-    nb.ask("picture._options['dt'] = None")
+    nb.ask("picture.times['dt'] = None")
     nb.slider("law__rho").press("ArrowRight")
     changed(nb, "y", before)
 

@@ -1,0 +1,226 @@
+"""Studies beside a live plot: several laws over one another, and the measured order of sliding."""
+
+import ipywidgets as W
+import plotly.graph_objects as go
+
+from ..core import BlockError, ClosedLoop, ParameterError, accuracy, simulate
+from .board import FIRST, ROWS, Figure, Live
+from .form import Page
+from .job import Job
+from .panels import comparison_html, draw, panels, slopes
+from .words import said_html, why_diverged
+from .worker import Dropped
+
+__all__ = ["Certificate", "Compare", "certificate", "compare"]
+
+MOST = 4  # laws that can be told apart in one picture
+
+
+class Study(W.VBox):
+    """What a person sets going for the loops of a mask as they are set then: a message, a progress bar, a picture.
+
+    Attributes
+    ----------
+    status : str
+        What the message says.
+    job : Job
+        The thread that computes, with its progress bar.
+    """
+
+    def __init__(self, source, head, said):
+        self._mask = source.mask if isinstance(source, Live) else None
+        self._given = source if isinstance(source, dict) else {"": source}
+        self._times = source.times if isinstance(source, Live) else {}
+        self._message, self._below, self.job = W.HTML(), W.VBox(), Job(self._work)
+        said_row = W.HBox([self._message, self.job])
+        super().__init__([head, said_row, self._below, Page()])
+        for w, name in ((self, "study"), (head, "choices"), (said_row, "said"), (self._message, "status"), (self._below, "plot")):
+            w.add_class(f"smcaero-{name}")
+        self._say(said)
+
+    @property
+    def loops(self):
+        """{name: loop} as set now, all in the same world."""
+        return self._mask.in_this_world() if self._mask else self._given
+
+    def wait(self):
+        """Wait until the picture is there; Ctrl-C cancels it."""
+        self.job.wait()
+
+    def _work(self, asked, progress):
+        """Compute and draw, or say why not."""
+        said, refused = "", True
+        try:
+            said, refused = self._study(asked, progress)
+        except Dropped as why:
+            said = "Cancelled." if why.args == ("cancelled",) else ""
+        except Exception as why:  # a block may raise anything: a person reads it, and the page goes on
+            said = str(why) if isinstance(why, (ParameterError, BlockError)) else f"{type(why).__name__}: {why}"
+        self._say(said, refused)
+
+    def _say(self, text, refused=False):
+        self.status = text
+        self._message.value = said_html(text, refused)
+
+    def _show(self, figure, *above):
+        old, self._below.children = self._below.children, [*above, Figure(figure)]
+        for w in old:
+            w.close()
+
+
+class Compare(Study):
+    """Up to four loops over one another, with a table; made by `compare`.
+
+    Attributes
+    ----------
+    runs : dict of str to Run
+        What is shown.
+    """
+
+    def __init__(self, source):
+        names = list(source.mask.offered if isinstance(source, Live) else source)
+        self.runs, self._quiet = {}, False
+        self._toggles = {n: W.ToggleButton(i < MOST, description=n, tooltip=f"Show {n}") for i, n in enumerate(names)}
+        self._again = W.Button(description="Refresh", icon="refresh", tooltip="Take the settings of the mask as they are now")
+        self._again.on_click(lambda _: self._ask())
+        super().__init__(source, W.HBox([*self._toggles.values(), *[self._again]*isinstance(source, Live)]), "")
+        for t in self._toggles.values():
+            t.observe(self._toggled, "value")
+        if self._mask:
+            self._mask.observe(self._stale, "target")
+        self._ask(FIRST)
+
+    def set(self, *names):
+        """Show these loops, as set now, and wait until they are drawn.
+
+        Raises
+        ------
+        ParameterError
+            An unknown name, or more than four.
+        """
+        if not 1 <= len(names) <= MOST or not set(names) <= set(self._toggles):
+            raise ParameterError(f"compare: {names} is not allowed; it must be one to {MOST} of {', '.join(self._toggles)}")
+        self._quiet = True
+        for n, t in self._toggles.items():
+            t.value = n in names
+        self._quiet = False
+        self._ask()
+        self.wait()
+
+    def _toggled(self, change):
+        if self._quiet:
+            return
+        if sum(t.value for t in self._toggles.values()) > MOST:
+            change.owner.value = False
+            self._say(f"{MOST} laws at most can be told apart: switch another one off first.", refused=True)
+        else:
+            self._ask()
+
+    def _stale(self, _):
+        if self.job.worker.idle.is_set():
+            self._say("The mask has changed since: Refresh takes its settings.")
+
+    def _ask(self, patience=0.0):
+        loops = self.loops
+        self.job.ask({n: loops[n] for n, t in self._toggles.items() if t.value}, patience)
+
+    def _study(self, loops, progress):
+        runs = {}
+        for i, (name, loop) in enumerate(loops.items()):
+            runs[name] = simulate(loop, **self._times, record=ROWS, progress=lambda q, i=i: progress((i + q)/len(loops)))
+        self.runs = runs
+        self._show(go.Figure(*draw({n: panels(r, phase=True) for n, r in runs.items()})), W.HTML(comparison_html(runs)))
+        lost = [f"{n} {why_diverged(r)}" for n, r in runs.items() if r.diverged_at is not None]
+        return "; ".join(lost), True
+
+
+class Certificate(Study):
+    """The order of sliding, measured for the loop as set; made by `certificate`.
+
+    Attributes
+    ----------
+    result : Accuracy or None
+        The last one measured.
+    """
+
+    def __init__(self, source):
+        self.result, self._button = None, W.Button(description="Measure the order of sliding", icon="line-chart",
+                                                   tooltip="Simulate the loop as set now with five sampling steps")
+        self._button.on_click(lambda _: self._ask())
+        super().__init__(source, W.HBox([self._button]), "")
+
+    def measure(self):
+        """Measure the loop as set now, wait for it, and return the `Accuracy`."""
+        self._ask()
+        self.wait()
+        return self.result
+
+    def _ask(self):
+        if self._mask:
+            self.job.ask((self._mask.choice.value, self._mask.target), 0.0)
+        else:
+            self.job.ask(next(iter(self._given.items())), 0.0)
+
+    def _study(self, asked, progress):
+        name, loop = asked
+        self.result = accuracy(loop, **self._times, progress=progress)
+        self._show(go.Figure(*slopes(self.result)))
+        return f"{name}: "*(name != "") + self.result.explain(), False
+
+
+def compare(source):
+    r"""Show up to four loops over one another: their curves and phase portraits, and a table.
+
+    The table has the reaching time, the tail accuracy, the mean control \|v\| and the chattering of each.
+
+    Parameters
+    ----------
+    source : Live or dict of str to ClosedLoop
+        Of a live plot, the loops that its mask offers, each as set when the comparison is made; Refresh makes it again.
+
+    Returns
+    -------
+    Compare
+        A widget.
+
+    Raises
+    ------
+    ParameterError
+        `source` is something else.
+
+    Examples
+    --------
+    >>> both = compare({law: smc.applications.double_integrator(law) for law in ("sign_smc", "super_twisting")})
+    >>> both.runs["sign_smc"].metrics().turns_u
+    """
+    if not isinstance(source, (Live, dict)):
+        raise ParameterError(f"compare: {type(source).__name__} is not allowed; it must be a live plot or {{name: loop}}")
+    return Compare(source)
+
+
+def certificate(source):
+    r"""Offer to measure the order of sliding of a loop as set: the slope of its accuracy over the sampling step.
+
+    Parameters
+    ----------
+    source : Live or ClosedLoop
+        Of a live plot, the loop that its mask shows when the button is pressed.
+
+    Returns
+    -------
+    Certificate
+        A widget; its `result` is the `Accuracy`.
+
+    Raises
+    ------
+    ParameterError
+        `source` is something else.
+
+    Examples
+    --------
+    >>> certificate(smc.applications.perturbed_chain(smc.smc2.super_twisting, 1)).measure().order
+    2
+    """
+    if not isinstance(source, (Live, ClosedLoop)):
+        raise ParameterError(f"certificate: {type(source).__name__} is not allowed; it must be a live plot or a closed loop")
+    return Certificate(source)
