@@ -102,17 +102,24 @@ def _written(name, doc, arguments, first_line, c, r, integral, derivative, check
         terms = [f"{q}{e}" for q, e in zip(c[integral:], es, strict=True)][::-1]
         return " + ".join(terms + [c[0] + ("first(e)" if shift else "integral")]*integral)
 
-    sigma = f"({combined(0)}, {combined(1)})" if derivative else combined(0)
-    signals = "e, z, tau" if integral else "e"
-    body = f"    {first_line}\n" if first_line else ""
-    body += f"    integral, = z\n    return {sigma}, (integral + tau*first(e),)" if integral else f"    return {sigma}"
+    if derivative not in (False, True, "difference"):
+        raise ParameterError(f"surface: derivative = {derivative!r} is not allowed; it must be False, True or 'difference'")
+    differs = derivative == "difference"
+    states = ["integral"]*integral + ["last"]*differs
+    ahead = ["integral + tau*first(e)"]*integral + ["sigma"]*differs
+    rate = "(sigma - last)/tau if last != 0.0 else 0.0" if differs else combined(1) if derivative else ""
+    lines = [first_line]*bool(first_line) + [f"{', '.join(states)}, = z"]*bool(states) + [f"sigma = {combined(0)}"]
+    lines += ["return " + (f"(sigma, {rate})" if rate else "sigma") + (f", ({', '.join(ahead)},)" if states else "")]
+    signals = "e, z, tau" if states else "e"
+    body = "".join(f"    {line}\n" for line in lines)
     names.update(first=first, __name__=__name__)
     exec(f"def {name}({', '.join([signals, *arguments])}):\n{body}", names)
     f = names[name]
     f.__doc__ = doc
     f.__annotations__["return"] = (Param(r"\sigma"), Param(r"\dot\sigma")) if derivative else Param(r"\sigma")
-    state = dict(integral=(0.0, Param(r"\int e", "[e] s", help="integral to start with", slider=(-1.0, 1.0))))
-    return block(state=state if integral else None, check=check)(f)
+    known = dict(integral=(0.0, Param(r"\int e", "[e] s", help="integral to start with", slider=(-1.0, 1.0))),
+                 last=(0.0, Param(r"\sigma_{-1}", "[sigma]", help="sigma one sample before the start; 0: not known")))
+    return block(state={n: known[n] for n in states}, check=check)(f)
 
 
 def _equation(c, r, integral):
@@ -131,8 +138,10 @@ def itae(r, settling_time=8.0, integral=True, table="classical", rule="paper", d
     ----------
     r, settling_time, integral, table, rule
         As in `coefficients`.
-    derivative : bool
-        Give (sigma, sigma'), as twisting needs; the error must then come with r derivatives instead of r - 1.
+    derivative : bool or str
+        True gives (sigma, sigma'), as twisting needs; the error must then come with r derivatives instead of r - 1.
+        ``"difference"`` takes sigma' from the sample before, (sigma - sigma_before)/tau, and needs no more of the error: it lags
+        by half a sample, and noise in sigma comes out of it 1/tau times as large.
 
     Returns
     -------
@@ -174,8 +183,8 @@ def polynomial(c, integral=True, derivative=False):
         :math:`(c_{r-2}, ..., c_0, c_{-1})`, the last only with the integral.
     integral : bool
         Whether the last coefficient belongs to the integral.
-    derivative : bool
-        Give (sigma, sigma').
+    derivative : bool or str
+        Give (sigma, sigma'), as in `itae`.
 
     Returns
     -------

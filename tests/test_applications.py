@@ -10,7 +10,7 @@ from smcaero_nb import BlockError, ParameterError, applications, block, hosmc, s
 from smcaero_nb.applications.dc_motor import DC_MOTOR, amplifier, motor, with_integral
 from smcaero_nb.applications.double_integrator import DOUBLE_INTEGRATOR
 
-FIRST = ("sign_smc", "quasi_smc", "super_twisting", "adaptive_super_twisting")
+FIRST = ("sign_smc", "quasi_smc", "super_twisting", "twisting", "adaptive_super_twisting")
 SECOND = ("quasi_continuous", "nested", "adaptive_continuous")
 
 
@@ -60,7 +60,7 @@ def test_double_integrator(law):
     assert run.diverged_at is None
     assert run.e[0][0] == -1.0
     assert np.abs(run.d).max() <= 0.7 + 1e-12
-    limit = {"sign_smc": 1e-3, "quasi_smc": 0.01, "super_twisting": 5e-6, "adaptive_super_twisting": 0.01,
+    limit = {"sign_smc": 1e-3, "quasi_smc": 0.01, "super_twisting": 5e-6, "twisting": 2e-6, "adaptive_super_twisting": 0.01,
              "quasi_continuous": 2e-5, "nested": 2e-5, "adaptive_continuous": 1e-7}[law]
     assert run.tail_e[0] < limit
     assert run.tail_e[1] < (0.02 if law != "adaptive_continuous" else 1e-4)
@@ -122,9 +122,11 @@ def test_dc_motor(law, output):
     assert run.diverged_at is None
     assert run.max_u <= 10.0
     e = np.ravel(run.tail_e)[0]
-    assert e < {"angle": {"sign_smc": 3e-3, "quasi_smc": 6e-3, "super_twisting": 5e-5, "adaptive_super_twisting": 2e-3,
+    assert e < {"angle": {"sign_smc": 3e-3, "quasi_smc": 6e-3, "super_twisting": 5e-5, "twisting": 1e-4,
+                          "adaptive_super_twisting": 2e-3,
                           "quasi_continuous": 5e-4, "nested": 5e-4, "adaptive_continuous": 1e-5},
-                "speed": {"sign_smc": 1.0, "quasi_smc": 1.2, "super_twisting": 0.02, "adaptive_super_twisting": 0.2,
+                "speed": {"sign_smc": 1.0, "quasi_smc": 1.2, "super_twisting": 0.02, "twisting": 0.03,
+                          "adaptive_super_twisting": 0.2,
                           "quasi_continuous": 1.5, "nested": 1.5, "adaptive_continuous": 0.02}}[output][law]
 
 
@@ -148,12 +150,29 @@ def test_with_integral():
     assert with_integral(2.0, (0.3,), 0.1) == ((0.3, 2.0), (0.5,))
 
 
+@pytest.mark.parametrize("law", (smc.smc1.tanh_smc, smc.smc1.adaptive_quasi_smc, smc.smc1.dual_layer_smc, smc.smc2.twisting,
+                                 smc.smc2.adaptive_twisting, hosmc.quasi_continuous(2, "levant2005")), ids=lambda b: b.name)
+def test_any_law_gets_what_it_needs(law):
+    loop = applications.double_integrator(law.with_(**smc.smc2.gains(20.0).twisting, v_M=6.0) if law.name == "twisting" else law)
+    assert (loop.stages["surface"] is None) == (law.r == 2)
+    run = simulate(loop)
+    assert run.diverged_at is None and run.tail_e[0] < 0.02
+    if law.r == 1:  # sigma' from the sample before: half a sample behind
+        _, ds = run.sigma
+        exact = -run.d - run.u + 2.5*run.e[1]
+        assert np.abs(ds - exact)[run.t > 0.01].max() < 0.1*np.abs(exact).max()
+
+
 # ---- bad input ---------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize(("make", "message"), [
     (lambda: applications.chain(0), "chain: r = 0"), (lambda: applications.chain(7), "from 1 to 6"),
     (lambda: applications.chain(1.5), "whole number"),
-    (lambda: applications.double_integrator("pid"), "double_integrator: law = 'pid' is not allowed; it must be one of sign_smc"),
+    (lambda: applications.double_integrator("pid"),
+     "double_integrator: law = 'pid' is not allowed; it must be a law, or one of sign_smc"),
     (lambda: applications.dc_motor("pid"), "dc_motor: law = 'pid'"),
+    (lambda: applications.double_integrator(7.0), "it must be a law .a block., or one of"),
+    (lambda: applications.double_integrator(hosmc.nested(3)), "nested_3 is for relative degree 3; it must be 1"),
+    (lambda: applications.perturbed_chain(hosmc.nested(3), 2), "r = 2 is not allowed; nested_3 is for relative degree 3"),
     (lambda: applications.dc_motor(output="torque"), "output = 'torque' is not allowed; it must be one of angle, speed"),
     (lambda: applications.dc_motor().with_(plant__R=-1.0), "R = -1"), (lambda: motor.with_(J=0.0), "J = 0"),
     (lambda: applications.double_integrator().with_(plant__m=math.nan), "m = nan")])

@@ -3,10 +3,27 @@
 import math
 from typing import Annotated
 
-from ..core import ClosedLoop, Param, block
+from ..core import Block, ClosedLoop, Param, ParameterError, block
 from ..core.signal import generated, leaves, text
+from ..surface import itae
 
-__all__ = ["chain", "chain_output", "chain_perturbation", "perturbed_chain"]
+__all__ = ["chain", "chain_output", "chain_perturbation", "fitted", "perturbed_chain"]
+
+
+def fitted(owner, law, presets, one, two):
+    """The stages for a law: those of a preset by its name, or a block with what it needs for the error of its relative degree.
+
+    `one` and `two` are the surfaces for laws of relative degree 1 and 2; `one` is asked for sigma' too where the law is twisting.
+    """
+    if isinstance(law, str):
+        if law not in presets:
+            raise ParameterError(f"{owner}: law = {law!r} is not allowed; it must be a law, or one of {', '.join(presets)}")
+        return presets[law]
+    if not isinstance(law, Block):
+        raise ParameterError(f"{owner}: law = {law!r} is not allowed; it must be a law (a block), or one of {', '.join(presets)}")
+    if law.r not in (None, 1, 2):
+        raise ParameterError(f"{owner}: {law.name} is for relative degree {law.r}; it must be 1, on a sliding variable, or 2")
+    return dict(law=law, surface=two if law.r == 2 else one(derivative="difference" if law.r == 1 else False))
 
 
 def _minus(s):
@@ -130,7 +147,8 @@ def perturbed_chain(law, r):
     Parameters
     ----------
     law : Block
-        A law for relative degree `r`; it sees (sigma, ..., sigma^(r-1)), or the number sigma where r = 1.
+        A law for relative degree `r`; it sees (sigma, ..., sigma^(r-1)), or the number sigma where r = 1. Twisting sees
+        (sigma, sigma'), sigma' from the sample before.
     r : int
         Number of integrators, 1 to 6.
 
@@ -142,12 +160,15 @@ def perturbed_chain(law, r):
     Raises
     ------
     ParameterError
-        A number of integrators that is not allowed.
+        A number of integrators that is not allowed, or a law for another relative degree.
 
     Examples
     --------
     >>> simulate(perturbed_chain(hosmc.quasi_continuous(3), 3)).tail_e
     (1.4e-08, 8e-06, 0.009)
     """
-    return ClosedLoop(chain(r).with_(s0=1.0), output=chain_output, law=law, perturbation=chain_perturbation, duration=20.0,
-                      dt=2.5e-4, tau=1e-3, name=f"{law.name}, chain of {r}")
+    if law.r not in (None, r):
+        raise ParameterError(f"perturbed_chain: r = {r} is not allowed; {law.name} is for relative degree {law.r}")
+    surface = itae(1, integral=False, derivative="difference") if law.r == 1 else None
+    return ClosedLoop(chain(r).with_(s0=1.0), output=chain_output, surface=surface, law=law, perturbation=chain_perturbation,
+                      duration=20.0, dt=2.5e-4, tau=1e-3, name=f"{law.name}, chain of {r}")

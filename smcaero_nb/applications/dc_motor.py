@@ -1,13 +1,15 @@
 """DC motor with a disc on its shaft: angle and speed by armature voltage, against a load torque."""
 
 import math
+from functools import partial
 from typing import Annotated
 
 from .. import hosmc
 from ..core import ClosedLoop, Param, ParameterError, block
 from ..smc1 import quasi_smc, sign_smc
-from ..smc2 import adaptive_super_twisting, super_twisting
+from ..smc2 import adaptive_super_twisting, gains, super_twisting, twisting
 from ..surface import itae
+from .chain import fitted
 
 __all__ = ["amplifier", "dc_motor", "load_torque", "motor", "shaft", "speed", "step", "voltage", "with_integral"]
 
@@ -219,8 +221,10 @@ def amplifier(u, limit: Annotated[float, Param("u_{max}", "V", low=0.1, help="gr
     return max(-limit, min(limit, u))
 
 
-_surface = itae(2, 0.4, integral=False)  # e' + 25 e
-_twisting = super_twisting.with_(lam=150.0, beta=1.1e4)
+_surface = partial(itae, 2, 0.4, integral=False)  # e' + 25 e
+_none = partial(itae, 1, integral=False)  # e
+_super_twisting = super_twisting.with_(lam=150.0, beta=1.1e4)
+_twisting = twisting.with_(**gains(2e4).twisting, v_M=3000.0)
 _adaptive_twisting = adaptive_super_twisting.with_(gamma=1e4, mu=0.01, lam_min=10.0, eps=30.0, eta=1e3, lam=100.0)
 _adaptive = hosmc.adaptive_continuous(2).with_(gamma_1=625.0, gamma_2=50.0, alpha_r=0.85, l_0=500.0, eps=300.0, r_0=2e5,
                                                gamma=0.0, delta_0=200.0, tau_f=2e-3, L=5e3)
@@ -228,10 +232,11 @@ _quasi_continuous, _nested = hosmc.quasi_continuous(2), hosmc.nested(2)
 #: {output: {law: stages}}; v is an angular acceleration, and 10 V are 3075 rad/s^2.
 DC_MOTOR = {
     "angle": {
-        "sign_smc": dict(surface=_surface, law=sign_smc.with_(rho=2000.0)),
-        "quasi_smc": dict(surface=_surface, law=quasi_smc.with_(rho=2000.0, eps=0.5)),
-        "super_twisting": dict(surface=_surface, law=_twisting),
-        "adaptive_super_twisting": dict(surface=_surface, law=_adaptive_twisting),
+        "sign_smc": dict(surface=_surface(), law=sign_smc.with_(rho=2000.0)),
+        "quasi_smc": dict(surface=_surface(), law=quasi_smc.with_(rho=2000.0, eps=0.5)),
+        "super_twisting": dict(surface=_surface(), law=_super_twisting),
+        "twisting": dict(surface=_surface(derivative="difference"), law=_twisting),
+        "adaptive_super_twisting": dict(surface=_surface(), law=_adaptive_twisting),
         "quasi_continuous": dict(law=_quasi_continuous.with_(L=800.0)),
         "nested": dict(law=_nested.with_(L=750.0)),
         "adaptive_continuous": dict(law=_adaptive),
@@ -240,6 +245,7 @@ DC_MOTOR = {
         "sign_smc": dict(law=sign_smc.with_(rho=2200.0)),
         "quasi_smc": dict(law=quasi_smc.with_(rho=2200.0, eps=0.5)),
         "super_twisting": dict(law=super_twisting.with_(lam=210.0, beta=2.2e4)),
+        "twisting": dict(surface=_none(derivative="difference"), law=_twisting),
         "adaptive_super_twisting": dict(law=_adaptive_twisting),
         "quasi_continuous": dict(surface=with_integral, law=_quasi_continuous.with_(alpha=2.0, L=1500.0)),
         "nested": dict(surface=with_integral, law=_nested.with_(alpha=1.5, L=1700.0)),
@@ -254,9 +260,9 @@ def dc_motor(law="super_twisting", output="angle"):
 
     Parameters
     ----------
-    law : str
-        ``"sign_smc"``, ``"quasi_smc"``, ``"super_twisting"``, ``"adaptive_super_twisting"``, ``"quasi_continuous"``,
-        ``"nested"`` or ``"adaptive_continuous"``.
+    law : str or Block
+        ``"sign_smc"``, ``"quasi_smc"``, ``"super_twisting"``, ``"twisting"``, ``"adaptive_super_twisting"``,
+        ``"quasi_continuous"``, ``"nested"`` or ``"adaptive_continuous"``; or a law of relative degree 1 or 2 of your own.
     output : str
         ``"angle"``: a step of 1 rad; ``"speed"``: a step to 80 rad/s.
 
@@ -268,7 +274,7 @@ def dc_motor(law="super_twisting", output="angle"):
     Raises
     ------
     ParameterError
-        An unknown law or output.
+        An unknown law or output, or a law for another relative degree.
 
     Notes
     -----
@@ -285,8 +291,7 @@ def dc_motor(law="super_twisting", output="angle"):
     """
     if output not in DC_MOTOR:
         raise ParameterError(f"dc_motor: output = {output!r} is not allowed; it must be one of {', '.join(DC_MOTOR)}")
-    if law not in DC_MOTOR[output]:
-        raise ParameterError(f"dc_motor: law = {law!r} is not allowed; it must be one of {', '.join(DC_MOTOR[output])}")
+    stages = fitted("dc_motor", law, DC_MOTOR[output], *((_surface, None) if output == "angle" else (_none, with_integral)))
     return ClosedLoop(motor, output=shaft if output == "angle" else speed, reference=step.with_(height=HEIGHT[output]),
                       perturbation=load_torque, allocation=voltage, actuator=amplifier, duration=1.0, dt=1e-5, tau=1e-4,
-                      name=f"{law}, motor's {output}", **DC_MOTOR[output][law])
+                      name=f"{stages['law'].name}, motor's {output}", **stages)

@@ -1,13 +1,15 @@
 """Double integrator with a matched perturbation: a mass that is pushed."""
 
 import math
+from functools import partial
 from typing import Annotated
 
 from .. import hosmc
-from ..core import ClosedLoop, Param, ParameterError, block
+from ..core import ClosedLoop, Param, block
 from ..smc1 import quasi_smc, sign_smc
-from ..smc2 import adaptive_super_twisting, super_twisting
+from ..smc2 import adaptive_super_twisting, gains, super_twisting, twisting
 from ..surface import itae
+from .chain import fitted
 
 __all__ = ["double_integrator", "mass", "position", "push"]
 
@@ -79,13 +81,14 @@ def push(t, d_0: Annotated[float, Param("d_0", "N", help="constant part", slider
     return d_0 + d_1*math.sin(omega*t)
 
 
-_surface = itae(2, 4.0, integral=False)  # e' + 2.5 e
+_surface = partial(itae, 2, 4.0, integral=False)  # e' + 2.5 e
 #: {law: stages}: the laws of relative degree 1 on a sliding variable, those of relative degree 2 on (e, e') itself.
 DOUBLE_INTEGRATOR = {
-    "sign_smc": dict(surface=_surface, law=sign_smc.with_(rho=3.0)),
-    "quasi_smc": dict(surface=_surface, law=quasi_smc.with_(rho=3.0, eps=0.05)),
-    "super_twisting": dict(surface=_surface, law=super_twisting.with_(lam=3.0, beta=4.4)),
-    "adaptive_super_twisting": dict(surface=_surface, law=adaptive_super_twisting),
+    "sign_smc": dict(surface=_surface(), law=sign_smc.with_(rho=3.0)),
+    "quasi_smc": dict(surface=_surface(), law=quasi_smc.with_(rho=3.0, eps=0.05)),
+    "super_twisting": dict(surface=_surface(), law=super_twisting.with_(lam=3.0, beta=4.4)),
+    "twisting": dict(surface=_surface(derivative="difference"), law=twisting.with_(**gains(20.0).twisting, v_M=6.0)),
+    "adaptive_super_twisting": dict(surface=_surface(), law=adaptive_super_twisting),
     "quasi_continuous": dict(law=hosmc.quasi_continuous(2)),
     "nested": dict(law=hosmc.nested(2)),
     "adaptive_continuous": dict(law=hosmc.adaptive_continuous(2)),
@@ -97,9 +100,9 @@ def double_integrator(law="super_twisting"):
 
     Parameters
     ----------
-    law : str
-        ``"sign_smc"``, ``"quasi_smc"``, ``"super_twisting"``, ``"adaptive_super_twisting"``, ``"quasi_continuous"``,
-        ``"nested"`` or ``"adaptive_continuous"``.
+    law : str or Block
+        ``"sign_smc"``, ``"quasi_smc"``, ``"super_twisting"``, ``"twisting"``, ``"adaptive_super_twisting"``,
+        ``"quasi_continuous"``, ``"nested"`` or ``"adaptive_continuous"``; or a law of relative degree 1 or 2 of your own.
 
     Returns
     -------
@@ -109,7 +112,7 @@ def double_integrator(law="super_twisting"):
     Raises
     ------
     ParameterError
-        An unknown law.
+        An unknown law, or one for another relative degree.
 
     Notes
     -----
@@ -121,7 +124,6 @@ def double_integrator(law="super_twisting"):
     >>> simulate(double_integrator("quasi_continuous")).tail_e
     (3.6e-06, 0.0034)
     """
-    if law not in DOUBLE_INTEGRATOR:
-        raise ParameterError(f"double_integrator: law = {law!r} is not allowed; it must be one of {', '.join(DOUBLE_INTEGRATOR)}")
+    stages = fitted("double_integrator", law, DOUBLE_INTEGRATOR, _surface, None)
     return ClosedLoop(mass, output=position, perturbation=push, duration=8.0, dt=1e-4, tau=1e-3,
-                      name=f"{law}, double integrator", **DOUBLE_INTEGRATOR[law])
+                      name=f"{stages['law'].name}, double integrator", **stages)

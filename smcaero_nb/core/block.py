@@ -40,7 +40,7 @@ class Block:
     theorem : function or None
         What a law's theorem assumes of the perturbation.
     r : int or None
-        Relative degree that a law is for, where it is not the number of derivatives that it sees.
+        Relative degree that a law of (sigma, sigma', ...) is for.
     """
 
     def __init__(self, f, state, check=None, theorem=None, r=None):
@@ -175,7 +175,8 @@ def block(f=None, *, state=None, check=None, theorem=None, r=None):
         Of a law: what its theorem assumes of the perturbation. It is given ``{name: value}`` and the greatest \|xi\| and
         \|xi'\| of a run, and returns None, or the sentence that says which condition does not hold; see `Run.doubts`.
     r : int, optional
-        Of a law: the relative degree it is for, where it is not the number of derivatives that it sees.
+        Of a law that sees a tuple (sigma, sigma', ...): the relative degree it is for, if it is one law and not one for several
+        inputs; default: as many as it sees.
 
     Returns
     -------

@@ -179,4 +179,4 @@ def adaptive_continuous(r):
     f.__doc__ = DOC.format(
         r=r, last=r - 1, w0=w0, gains=", ".join(f"gamma_{i + 1}" for i in range(r)),
         equation=" + ".join(rf"\gamma_{i + 1}\lfloor {s}\rceil^{{\alpha_{i + 1}}}" for i, s in enumerate(DERIVATIVES[:r])))
-    return block(state=STATE, check=unfit)(f)
+    return block(state=STATE, check=unfit, r=r)(f)

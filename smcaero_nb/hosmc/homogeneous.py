@@ -91,4 +91,4 @@ def law(name, r, psi, alpha, said="", **doc):
     f = names[name]
     f.__doc__ = DOC.format(r=r, signal="float" if r == 1 else f"tuple of {r} float", **doc,
                            meaning="Sliding variable" + (f" and its derivatives up to the order {r - 1}" if r > 1 else ""))
-    return block(f, theorem=exceeds("L"))
+    return block(f, theorem=exceeds("L"), r=r if r > 1 else None)

@@ -66,7 +66,8 @@ def beside_c(rounds):
             for name, job in jobs.items():
                 times[name].append(seconds(job)/STEPS*1e9)
     columns = [run.t, run.r, *run.y, *run.e, *run.e_hat, *run.sigma, run.v, run.u, run.d, *vars(run.x).values()]
-    columns += [q for pair in zip(run.low.sigma, run.high.sigma, strict=True) for q in pair] + [run.low.u, run.high.u, run.integral_v]
+    columns += [q for pair in zip(run.low.sigma, run.high.sigma, strict=True) for q in pair]
+    columns += [run.low.u, run.high.u, run.integral_v]
     apart = max(np.abs(a - c).max() for a, c in zip(columns, rec.T, strict=True))
     figures = [*(q*STEPS for q in run.mean_e), run.mean_u*STEPS, *run.tail_e, run.tail_sigma[0], run.tail_u, run.variation_u]
     apart_sums = max(abs(a/c - 1.0) for a, c in zip(figures, sums, strict=False))
