@@ -1,0 +1,168 @@
+"""Phase portrait, comparison, certificate of the order of sliding, and the remark that a theorem does not apply."""
+
+import threading
+
+import numpy as np
+import pytest
+
+import smcaero_nb as smc
+from smcaero_nb import ParameterError, block, smc1, smc2
+from smcaero_nb.applications import perturbed_chain
+from smcaero_nb.ui import certificate, compare, live, plot, studies
+
+CHAINS = {name: perturbed_chain(law, 1).with_(duration=5.0) for name, law in (
+    ("sign", smc1.sign_smc), ("quasi", smc1.quasi_smc), ("saturation", smc1.saturation_smc), ("tanh", smc1.tanh_smc),
+    ("super-twisting", smc2.super_twisting))}
+
+
+@pytest.fixture
+def picture():
+    p = live(CHAINS, phase=True)
+    p.wait()
+    return p
+
+
+# ---- phase portrait ----------------------------------------------------------------------------------------------
+def test_phase_portrait_moves_with_the_sliders(picture):
+    before = picture.curves["phase"]
+    x, y = before.x.copy(), before.y.copy()
+    assert x[0] == 1.0 and y[0] == pytest.approx(0.8 - 2.0, abs=0.01)  # sigma' = xi - rho
+    picture.set(law__rho=4.0)
+    after = picture.curves["phase"]
+    assert after.y[0] == pytest.approx(0.8 - 4.0, abs=0.01) and not np.array_equal(x, after.x)
+    assert picture.figure.layout.height > live(CHAINS).figure.layout.height
+
+
+def test_panels_of_the_chain(picture):
+    assert set(picture.curves) == {"u", "xi", "sigma", "phase"}  # y = -sigma says nothing more
+    assert picture.curves["xi"].y == pytest.approx(0.8*np.cos(1.2*picture.curves["xi"].x), abs=0.02)
+    assert picture.curves["xi"].name == "ξ" and picture.curves["xi"].line.dash == "dot"
+
+
+def test_phase_portrait_of_higher_order_is_sigma_and_its_derivative():
+    run = smc.simulate(perturbed_chain(smc.hosmc.quasi_continuous(3), 3), 3.0, record=200)
+    figure = plot({"a": run, "b": run}, phase=True)
+    portrait = next(t for t in figure.data if t.meta == "phase")
+    np.testing.assert_allclose(portrait.y, run.sigma[1].astype(np.float32))
+    assert figure.layout.xaxis2.title.text == "σ" and figure.layout.xaxis.title.text == "t [s]"
+    assert sum(t.meta == "xi" for t in figure.data) == 1  # once for both
+
+
+def test_phase_portraits_of_two_channels():
+    from chain import loop_of_two, signs
+
+    for law in (signs(), smc1.unit_vector):
+        figure = plot(smc.simulate(loop_of_two(law, a=0.5), 3.0, 1e-3), phase=True)
+        assert [t.meta for t in figure.data if t.meta.startswith("phase")] == ["phase[0]", "phase[1]"]
+
+
+# ---- the theorem -------------------------------------------------------------------------------------------------
+def test_a_perturbation_beyond_the_bound_is_simulated_and_said(picture):
+    before = picture.curves["sigma"].y.copy()
+    picture.set(perturbation__xi_1=3.0)
+    assert picture.status == "|xi| reaches 3, more than rho = 2 [v]: the theorem does not cover this."
+    assert not np.array_equal(before, picture.curves["sigma"].y) and picture.run.diverged_at is None
+    assert "smcaero-good" in picture.mask._status.value
+    picture.set(law__rho=4.0)
+    assert picture.status == ""
+
+
+# ---- comparison --------------------------------------------------------------------------------------------------
+def test_comparison_of_up_to_four(picture):
+    c = compare(picture)
+    c.wait()
+    assert list(c.runs) == ["sign", "quasi", "saturation", "tanh"]
+    table, figure = c._below.children
+    for name, run in c.runs.items():
+        assert f'<th scope="row">{name}</th>' in table.value
+        assert f"<td>{run.metrics().tail_sigma:.3g}</td><td>{run.mean_v:.3g}</td>" in table.value
+    assert {t.name for t in figure.data} >= set(c.runs)
+    fifth = c._toggles["super-twisting"]
+    fifth.value = True
+    assert not fifth.value and "4 laws at most" in c.status and len(c.runs) == 4
+    c.set("super-twisting", "sign")
+    assert list(c.runs) == ["sign", "super-twisting"]
+    assert c.runs["super-twisting"].metrics().variation_u < 0.01*c.runs["sign"].metrics().variation_u
+    with pytest.raises(ParameterError, match="one to 4 of sign, quasi"):
+        c.set("twisting")
+    with pytest.raises(ParameterError, match="one to 4"):
+        c.set()
+
+
+def test_comparison_takes_the_settings_of_the_mask(picture):
+    c = compare(picture)
+    c.wait()
+    picture.set(law__rho=5.0, perturbation__xi_1=0.2)
+    assert "Refresh takes its settings" in c.status
+    c._again.click()
+    c.wait()
+    assert c.status == ""
+    assert c.runs["sign"].loop.stages["law"].values["rho"] == 5.0 and c.runs["quasi"].loop.stages["law"].values["rho"] == 2.0
+    assert {r.loop.stages["perturbation"].values["xi_1"] for r in c.runs.values()} == {0.2}  # one world for all
+
+
+def test_comparison_of_loops_that_fail():
+    @block
+    def broken(sigma):
+        return math.nothing  # noqa: F821
+
+    loops = {"held": smc.lv.loop("quasi_smc"), "lost": smc.lv.loop("quasi_smc", "paper")}
+    c = compare(loops)
+    c.wait()
+    assert "lost diverged at" in c.status and "smcaero-bad" in c._message.value
+    c = compare({"broken": CHAINS["sign"].with_(law=broken)})
+    c.wait()
+    assert "broken" in c.status and c.runs == {}
+
+
+def test_bad_sources():
+    for f, message in ((compare, "compare: int is not allowed; it must be a live plot or {name: loop}"),
+                       (certificate, "certificate: int is not allowed; it must be a live plot or a closed loop")):
+        with pytest.raises(ParameterError, match=message):
+            f(7)
+
+
+# ---- certificate -------------------------------------------------------------------------------------------------
+def test_certificate_is_of_the_loop_as_set(picture):
+    c = certificate(picture)
+    assert c.result is None and c.status == ""
+    c._button.click()
+    c.wait()
+    assert c.result.order == 1 and c.status.startswith("sign: Sliding of order 1: |sigma| ~ tau^")
+    figure, = c._below.children
+    assert [t.name for t in figure.data if t.mode == "markers"] == [f"|σ|: slope {c.result.slopes[0]:.2f}"]
+    np.testing.assert_array_equal(figure.data[1].x, c.result.tau)
+    picture.mask.choice.value = "quasi"
+    assert c.measure().order is None and c.status.startswith("quasi: No order of sliding")
+    assert certificate(perturbed_chain(smc2.super_twisting, 1)).measure().order == 2
+
+
+def test_certificate_says_why_not():
+    c = certificate(CHAINS["sign"].with_(law=None))
+    c.measure()
+    assert c.result is None and c.status == "accuracy: the loop has no law, so there is no sliding to measure"
+
+
+def test_certificate_is_cancelled(monkeypatch):
+    gate = threading.Event()
+
+    def endless(loop, *, progress, **times):
+        while not gate.wait(0.005):
+            progress(0.3)
+
+    monkeypatch.setattr(studies, "accuracy", endless)
+    c = certificate(CHAINS["sign"])
+    c._button.click()
+    for _ in range(400):
+        if c.job.worker.fraction and c.job.layout.visibility == "visible":
+            break
+        gate.wait(0.005)
+    c.job.stop.click()
+    c.wait()
+    assert c.status == "Cancelled." and c.job.layout.visibility == "hidden"
+
+
+def test_picture_of_an_accuracy_without_any_order():
+    figure = plot(smc.accuracy(perturbed_chain(smc.hosmc.quasi_continuous(3), 3), 3.0))
+    assert all(t.mode == "markers" for t in figure.data) or figure.data
+    assert figure.layout.xaxis.type == figure.layout.yaxis.type == "log"
