@@ -74,7 +74,7 @@ def test_form_follows_the_metadata():
     assert (order.min, order.max, order.description) == (1, 5, "$n$")
     assert m.widgets["smooth"].description == "smooth"
     assert m.widgets["free"].min <= -3.0 < m.widgets["free"].max
-    assert m._page.names["gain"] == ("gain [v]/[sigma]^1/2", False)
+    assert m.page.names["gain"] == ("gain [v]/[sigma]^1/2", False)
 
 
 @pytest.mark.parametrize("law", LOOPS)
@@ -239,9 +239,9 @@ RELAY = ClosedLoop(cart, surface=line, law=relay, duration=5.0, dt=1e-3)
 def test_chattering_between_rows_is_drawn():
     run = smc.simulate(RELAY, record=50)
     u = next(c for c in panels(run) if c.key == "u")
-    tail = u.t > 4.0
+    tail = u.x > 4.0
     assert u.y[tail].max() == 2.0 and u.y[tail].min() == -2.0
-    assert np.all(np.diff(u.t) > 0) and len(u.t) == 3*len(run.t) - 2
+    assert np.all(np.diff(u.x) > 0) and len(u.x) == 3*len(run.t) - 2
     np.testing.assert_allclose(u.y[::3], run.u)
     inside = np.repeat(run.high.u[1:], 2) >= np.delete(u.y, np.s_[::3]) - 1e-6
     assert inside.all()
@@ -250,7 +250,7 @@ def test_chattering_between_rows_is_drawn():
 def test_a_smooth_curve_stays_as_it_is():
     run = smc.simulate(RELAY.with_(law=smc.smc1.quasi_smc.with_(eps=1.0)))
     sigma = next(c for c in panels(run) if c.key == "sigma")
-    np.testing.assert_allclose(np.interp(sigma.t, run.t, run.sigma), sigma.y, atol=2e-5)
+    np.testing.assert_allclose(np.interp(sigma.x, run.t, run.sigma), sigma.y, atol=2e-5)
 
 
 def test_panels_of_the_launch_vehicle():
@@ -281,11 +281,13 @@ def test_panels_of_two_channels():
     loop = ClosedLoop(two, output=outputs, reference=still, surface=channels(a=line, b=line), duration=2.0, dt=1e-3,
                       law=channels(a=relay, b=smc.smc2.adaptive_super_twisting))
     picture = live(loop)
+    picture.wait()
     assert picture.status == ""
+    assert [t.meta for t in picture.figure.data] == list(picture.curves)
     keys = {"y[0]", "dy[0]", "y[1]", "dy[1]", "r[0]", "r[1]", "u[0]", "u[1]", "sigma[0]", "sigma[1]", "law.lam[1]", "law.w[1]",
             "xi[0]", "xi[1]"}
     assert set(picture.curves) == keys
-    assert picture.curves["y[1]"].xaxis == "x2" and picture.curves["y[0]"].xaxis == "x"
+    assert {t.meta: t.xaxis for t in picture.figure.data if t.meta in ("y[0]", "y[1]")} == {"y[0]": "x", "y[1]": "x2"}
     assert picture.figure.layout.yaxis.title.text == "a [deg]" and picture.figure.layout.yaxis2.title.text == "b [m]"
 
 
@@ -323,9 +325,10 @@ def test_curves_follow_the_mask(picture):
 
 def test_a_page_loaded_anew_gets_the_curves_of_now(picture):
     picture.set(law__rho=4.0)
-    state = picture.figure.get_state()
-    u = next(t for t in state["_widget_data"] if t["meta"] == "u")
-    assert np.array_equal(np.frombuffer(u["y"]["buffer"], np.float32), picture.curves["u"].y)
+    state, u = picture._picture.get_state(), list(picture.curves).index("u")
+    assert state["drawing"]["traces"][u]["meta"] == "u" and "y" not in state["drawing"]["traces"][u]
+    for n in ("x", "y"):
+        np.testing.assert_array_equal(np.frombuffer(state[n][u], np.float32), getattr(picture.curves["u"], n))
     assert picture.mask.widgets["law__rho"].get_state()["value"] == 4.0
 
 
@@ -375,8 +378,7 @@ def test_choice_of_a_loop_changes_the_panels():
     picture.mask.choice.value = "adaptive"
     picture.wait()
     assert {"sigma", "law.lam"} <= set(picture.curves) and picture.figure.layout.height > height
-    state = picture.figure.get_state()
-    assert [t["meta"] for t in state["_widget_data"]] == list(picture.curves)
+    assert [t["meta"] for t in picture._picture.drawing["traces"]] == list(picture.curves)
     picture.mask.choice.value = "PD"
     picture.wait()
     assert "sigma" not in picture.curves and picture.figure.layout.height == height

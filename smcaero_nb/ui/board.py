@@ -1,8 +1,5 @@
 """Live plots: a mask beside the curves of what it sets."""
 
-import copy
-import threading
-
 import ipywidgets as W
 import plotly.graph_objects as go
 
@@ -10,58 +7,18 @@ from ..core import BlockError, ParameterError, simulate
 from ..core.param import unknown
 from .form import Mask
 from .job import Job
-from .panels import PHASE, draw, metrics_html, panels, structure
+from .panels import draw, metrics_html, panels, structure
+from .picture import Picture
 from .words import why_diverged
 from .worker import Dropped
 
-__all__ = ["Figure", "Live", "live"]
+__all__ = ["Live", "live"]
 
 ROWS = 1000  # recorded rows of a run: what a screen resolves
 PATIENCE = 0.15  # s that a moved slider waits for its run; a longer one goes on by itself
 FIRST = 5.0  # s that a new plot waits, so that the next cell finds its curves: compiling takes 1 to 3
-EMPTY = dict(template="plotly_white", xaxis_visible=False, yaxis_visible=False, height=300)
 COMPILING = "Compiling; this takes a few seconds, once for each kind of loop."
 KEPT = "the curves are those of the last good setting"
-
-
-class Figure(go.FigureWidget):
-    """A figure whose curves may change from any thread, and which a page finds as it is now, whenever it loads.
-
-    plotly gives its traces and layout to the page at construction only, loses what is sent before the page has loaded
-    its code, and loses an update that is sent while a message of the page is handled in another thread.
-    """
-
-    def __init__(self, *args, **kwargs):
-        self._turn = threading.RLock()
-        super().__init__(*args, **kwargs)
-        self._config = {"responsive": True, "displaylogo": False}
-
-    def get_state(self, key=None, drop_defaults=False):
-        """As the page gets it: with the traces and layout of now."""
-        with self._turn:
-            if key is None and getattr(self, "_data", None) is not None:
-                self._trait_values["_widget_data"] = copy.deepcopy(self._data)
-                self._trait_values["_widget_layout"] = copy.deepcopy(self._layout)
-            return super().get_state(key, drop_defaults)
-
-    def set_state(self, sync_data):
-        """Take what the page says, in turn with what is sent to it."""
-        with self._turn:
-            super().set_state(sync_data)
-
-    def show_curves(self, curves):
-        """Draw other curves in the same panels, in one message."""
-        with self._turn, self.batch_update():
-            for trace, c in zip(self.data, curves, strict=True):
-                if c.row == PHASE or len(trace.x) != len(c.t) or trace.x[-1] != c.t[-1]:
-                    trace.x = c.t
-                trace.y = c.y
-
-    def repeat(self):
-        """Send the curves again, to a page that may have lost some while it loaded."""
-        with self._turn:
-            if self.data:
-                self._send_restyle_msg({n: [t[n] for t in self.data] for n in ("x", "y")}, list(range(len(self.data))))
 
 
 class Live(W.Box):
@@ -70,13 +27,15 @@ class Live(W.Box):
     Attributes
     ----------
     mask : Mask
-    figure : plotly.graph_objects.FigureWidget
+    figure : plotly.graph_objects.Figure
+        What is drawn, as a figure to save or change.
     loop : ClosedLoop
         As set now.
     run : Run or None
         The last good run, the one drawn.
     curves : dict
-        Traces of the figure: ``live.curves["u"].y``; keys `y r dy dr u xi sigma phase`, `x.<state>`, `law.<state>`.
+        What is drawn, in the units shown: ``live.curves["u"].y`` over ``live.curves["u"].x``; keys
+        `y r dy dr u xi sigma phase`, `x.<state>`, `law.<state>`.
     status : str
         What the mask says about the newest run; empty if all is well.
     times : dict
@@ -87,8 +46,8 @@ class Live(W.Box):
 
     def __init__(self, loops, duration, dt, tau, states, phase, include):
         self.times = dict(duration=duration, dt=dt, tau=tau)
-        self.mask, self.figure, self._shown = Mask(loops, include), Figure(layout=EMPTY), (states, phase)
-        self._built = []  # the panels of the figure
+        self.mask, self._picture, self._shown = Mask(loops, include), Picture(), (states, phase)
+        self.curves = {}
         self.run, self.status, self._drawn = None, "", None  # _drawn: which of the loops the curves are of
         for loop in self.mask.offered.values():
             for n in states:
@@ -97,10 +56,9 @@ class Live(W.Box):
         self._metrics = W.HTML()
         self.job = Job(self._work)
         self.mask.children = [*self.mask.children, self.job]
-        self._side = W.VBox([self._metrics, self.figure])
-        self._side.add_class("smcaero-plot")
-        super().__init__([self.mask, self._side])
-        self.mask.on_drawn(lambda: self.figure.repeat())
+        side = W.VBox([self._metrics, self._picture])
+        side.add_class("smcaero-plot")
+        super().__init__([self.mask, side])
         self.add_class("smcaero-live")
         self.mask.observe(self._ask, "target")
         self._ask(patience=FIRST)
@@ -111,9 +69,9 @@ class Live(W.Box):
         return self.mask.target
 
     @property
-    def curves(self):
-        """{key: trace} of the figure."""
-        return {trace.meta: trace for trace in self.figure.data}
+    def figure(self):
+        """What is drawn, as a figure of plotly."""
+        return go.Figure(*draw({"": list(self.curves.values())}))
 
     def set(self, **values):
         """Set values as the mask does, and wait until the curves show them.
@@ -167,13 +125,12 @@ class Live(W.Box):
         self._say(text, refused)
 
     def _show(self, curves):
-        """Draw the curves; other panels need another figure, because a page may lose traces that are added later."""
-        if structure(curves) == self._built:
-            self.figure.show_curves(curves)
+        """Draw the curves; only their numbers travel if the panels stay."""
+        if structure(curves) == structure(self.curves.values()):
+            self._picture.move([c.x for c in curves], [c.y for c in curves])
         else:
-            old, self.figure, self._built = self.figure, Figure(go.Figure(*draw({"": curves}))), structure(curves)
-            self._side.children = [self._metrics, self.figure]
-            old.close()
+            self._picture.show(*draw({"": curves}))
+        self.curves = {c.key: c for c in curves}
 
     def _say(self, text, refused=False):
         if text != self.status:

@@ -29,7 +29,6 @@ class Page(anywidget.AnyWidget):
     _css = HERE / "page.css"
     names = traitlets.Dict().tag(sync=True)  # of each control: accessible name, and whether its slider is logarithmic
 
-
 def _blocks(prefix, b):
     """(prefix, block) of a stage, those of channels one by one."""
     if isinstance(b, Channels):
@@ -191,6 +190,8 @@ class Mask(W.VBox):
         {name: slider or checkbox} and {name: text entry}.
     choice : ipywidgets.Dropdown
         Which of several loops.
+    page : Page
+        What runs beside it in the page.
     """
 
     target = traitlets.Any()
@@ -199,14 +200,14 @@ class Mask(W.VBox):
         self.offered = dict(target) if isinstance(target, dict) else {"": target}
         self._given = dict(self.offered)  # as they were, for reset
         self._include, self._forms, self._lock, self._quiet = include, {}, threading.RLock(), False
-        self._page, self._status, self._body = Page(), W.HTML(), W.VBox()
+        self.page, self._status, self._body = Page(), W.HTML(), W.VBox()
         self.choice = W.Dropdown(options=list(self.offered))
         self._reset = W.Button(description="Reset", icon="undo", tooltip="Back to the values at the start")
         head = W.HBox([self.choice, self._reset] if len(self.offered) > 1 else [self._reset])
         super().__init__()
         for w, name in ((self, "mask"), (head, "top"), (self.choice, "choice"), (self._body, "body"), (self._status, "status")):
             w.add_class(f"smcaero-{name}")
-        self.children = [head, self._body, self._status, self._page]
+        self.children = [head, self._body, self._status, self.page]
         self.choice.observe(lambda change: self._choose(change.old), "value")
         self._reset.on_click(lambda _: self.reset())
         self._choose()
@@ -236,10 +237,6 @@ class Mask(W.VBox):
     def say(self, text="", refused=False):
         """Show a message under the form; screen readers announce it."""
         self._status.value = said_html(text, refused)
-
-    def on_drawn(self, f):
-        """Call `f` whenever a page has drawn a new plot beside this mask."""
-        self._page.on_msg(lambda *_: f())
 
     def in_this_world(self):
         """{name: loop} of all that are offered, each with what was changed in the vehicle and world of the chosen one."""
@@ -303,7 +300,7 @@ class Mask(W.VBox):
         shared = dict(layout=W.Layout(), slider=W.FloatSlider.style.klass(), text=W.Text.style.klass())
         rows = {n: _Row(n, *known[n], self._asked, shared) for n in names}
         said = {n: (f"{n.replace('__', ' ')} {known[n][0].unit}".removesuffix(" 1"), known[n][0].log) for n in names}
-        self._page.names = self._page.names | said
+        self.page.names = self.page.names | said
         groups = [(title, b, [rows[n].box for n in group if n in rows], folded and include is None)
                   for title, b, group, folded in _groups(target)]
         return rows, [_Fold(*group, shared) for group in groups if group[2]]

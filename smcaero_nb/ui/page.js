@@ -1,13 +1,12 @@
-// What ipywidgets and plotly leave out in the page.
+// What ipywidgets leave out in the page: accessible names and states of sliders, entries, groups that open, messages.
 function render({ model, el }) {
   el.style.display = "none";
-  let observer, fitter, timer, watch;
+  let observer, timer;
 
   const start = () => {
     const mask = el.closest(".smcaero-mask, .smcaero-study");
     if (!mask) { timer = setTimeout(start, 50); return; }
 
-    // Accessible names and states: slider handles, text entries, groups that open, messages.
     const name = () => {
       for (const [key, [text, log]] of Object.entries(model.get("names"))) {
         const row = mask.querySelector(`.smcaero-set-${CSS.escape(key)}`);
@@ -28,30 +27,8 @@ function render({ model, el }) {
     observer = new MutationObserver(later);
     observer.observe(mask, { childList: true, subtree: true, attributes: true, attributeFilter: ["class", "aria-valuenow"] });
     name();
-
-    // The plot fits its cell, whatever the window and the panels beside it do.
-    const live = el.closest(".smcaero-live, .smcaero-study");
-    const fit = () => {
-      const plot = live.querySelector(".js-plotly-plot");
-      if (!plot || !plot._fullLayout) return;
-      const width = plot.getBoundingClientRect().width;
-      if (!width || Math.abs(plot._fullLayout.width - width) <= 2) return;
-      delete plot.layout.width;  // a changed height has fixed it
-      window.dispatchEvent(new Event("resize"));
-    };
-    // What the kernel sent while plotly was loading is lost: say when a plot is there, so that it sends the curves again.
-    let seen;
-    const drawn = () => {
-      const plot = live.querySelector(".js-plotly-plot");
-      if (plot && plot._fullLayout && plot !== seen) { seen = plot; fit(); model.send({ drawn: true }); }
-    };
-    if (live) {
-      fitter = new ResizeObserver(fit);
-      fitter.observe(live);
-      watch = setInterval(drawn, 200);
-    }
   };
   start();
-  return () => { clearTimeout(timer); clearInterval(watch); observer?.disconnect(); fitter?.disconnect(); };
+  return () => { clearTimeout(timer); observer?.disconnect(); };
 }
 export default { render };

@@ -30,13 +30,13 @@ LEGEND = dict(orientation="h", xanchor="right", yanchor="bottom", font_size=11, 
 
 
 class Curve(NamedTuple):
-    """A curve: its name in `Live.curves`, its panel (row, column), metadata, and data as drawn (`t`: the abscissa)."""
+    """A curve: its name in `Live.curves`, its panel (row, column), metadata, and data as drawn."""
 
     key: str
     row: str
     column: int
     meta: Param
-    t: np.ndarray
+    x: np.ndarray
     y: np.ndarray
     reference: bool = False
     across: Param = Param("t", "s")
@@ -137,7 +137,8 @@ def panels(run, states=(), phase=False):
     for c, (name, x, y) in enumerate(_portraits(run) if phase else ()):
         curves.append(Curve(f"phase{name}", PHASE, min(c, len(outputs) - 1), Param(), x.astype(np.float32), y.astype(np.float32),
                             across=Param(r"\sigma")))
-    return curves
+    places = list(dict.fromkeys((c.row, c.column) for c in curves))
+    return sorted(curves, key=lambda c: places.index((c.row, c.column)))  # the order of the traces in the figure
 
 
 def _portraits(run):
@@ -214,7 +215,7 @@ def _traces(curves, place, several, first):
         if c.reference:
             label = c.label if c.key.startswith("xi") else "reference"
         tell = first or rank > 0 or c.reference if several else len(curves) > 1
-        traces.append(go.Scatter(x=c.t, y=c.y, mode="lines", name=label, meta=c.key, line=dict(width=1.5, **line), **place,
+        traces.append(go.Scatter(x=c.x, y=c.y, mode="lines", name=label, meta=c.key, line=dict(width=1.5, **line), **place,
                                  legendgroup=name if several and not c.reference else None, showlegend=tell and label not in told,
                                  hovertemplate=f"{c.label} %{{y:.4g}}{c.unit}<extra>{name}</extra>"))
         told.add(label)

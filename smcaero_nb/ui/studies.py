@@ -4,10 +4,11 @@ import ipywidgets as W
 import plotly.graph_objects as go
 
 from ..core import BlockError, ClosedLoop, ParameterError, accuracy, simulate
-from .board import FIRST, ROWS, Figure, Live
+from .board import FIRST, ROWS, Live
 from .form import Page
 from .job import Job
 from .panels import comparison_html, draw, panels, slopes
+from .picture import Picture
 from .words import said_html, why_diverged
 from .worker import Dropped
 
@@ -23,6 +24,8 @@ class Study(W.VBox):
     ----------
     status : str
         What the message says.
+    figure : plotly.graph_objects.Figure or None
+        What is drawn, as a figure to save or change.
     job : Job
         The thread that computes, with its progress bar.
     """
@@ -32,6 +35,7 @@ class Study(W.VBox):
         self._given = source if isinstance(source, dict) else {"": source}
         self._times = source.times if isinstance(source, Live) else {}
         self._message, self._below, self.job = W.HTML(), W.VBox(), Job(self._work)
+        self.figure, self._above, self._picture = None, W.HTML(), Picture()
         said_row = W.HBox([self._message, self.job])
         super().__init__([head, said_row, self._below, Page()])
         for w, name in ((self, "study"), (head, "choices"), (said_row, "said"), (self._message, "status"), (self._below, "plot")):
@@ -62,10 +66,10 @@ class Study(W.VBox):
         self.status = text
         self._message.value = said_html(text, refused)
 
-    def _show(self, figure, *above):
-        old, self._below.children = self._below.children, [*above, Figure(figure)]
-        for w in old:
-            w.close()
+    def _show(self, figure, above=""):
+        self.figure, self._above.value = go.Figure(*figure), above
+        self._picture.show(*figure)
+        self._below.children = [self._above, self._picture]
 
 
 class Compare(Study):
@@ -129,7 +133,7 @@ class Compare(Study):
         for i, (name, loop) in enumerate(loops.items()):
             runs[name] = simulate(loop, **self._times, record=ROWS, progress=lambda q, i=i: progress((i + q)/len(loops)))
         self.runs = runs
-        self._show(go.Figure(*draw({n: panels(r, phase=True) for n, r in runs.items()})), W.HTML(comparison_html(runs)))
+        self._show(draw({n: panels(r, phase=True) for n, r in runs.items()}), comparison_html(runs))
         lost = [f"{n} {why_diverged(r)}" for n, r in runs.items() if r.diverged_at is not None]
         return "; ".join(lost), True
 
@@ -164,7 +168,7 @@ class Certificate(Study):
     def _study(self, asked, progress):
         name, loop = asked
         self.result = accuracy(loop, **self._times, progress=progress)
-        self._show(go.Figure(*slopes(self.result)))
+        self._show(slopes(self.result))
         return f"{name}: "*(name != "") + self.result.explain(), False
 
 

@@ -87,7 +87,7 @@ class Notebook:
     END = "async () => { await window.jupyterapp.shell.currentWidget.sessionContext.shutdown() }"
     CURVE = """key => { const plot = document.querySelector('.js-plotly-plot');
                         const n = plot?.data?.findIndex(t => t.meta === key);
-                        return n >= 0 && { y: Array.from(plot.data[n].y), uid: plot.data[n].uid } }"""
+                        return n >= 0 && { y: Array.from(plot.data[n].y), uid: plot._fullData[n].uid } }"""
     PATH = "uid => document.querySelector(`.scatterlayer .trace${uid} path.js-line`)?.getAttribute('d')"
 
     def __init__(self, page, server, path):

@@ -45,10 +45,12 @@ def nb(opened):
 
 def agrees(nb, key):
     """Wait until the page has the kernel's curve; (values, SVG path)."""
-    wanted = json.loads(nb.ask(f"import json; picture.wait(); print(json.dumps(picture.curves['{key}'].y.tolist()))"))
-    nb.page.wait_for_function("([curve, key, wanted]) => eval(curve)(key).y?.every((v, i) => v === wanted[i])",
-                              arg=[nb.CURVE, key, wanted])
-    return nb.curve(key)
+    for _ in range(100):  # what was pressed may still be on its way to the kernel
+        wanted = json.loads(nb.ask(f"import json; picture.wait(); print(json.dumps(picture.curves['{key}'].y.tolist()))"))
+        if nb.page.evaluate("([curve, key]) => Array.from(eval(curve)(key).y ?? [])", [nb.CURVE, key]) == wanted:
+            return nb.curve(key)
+        nb.page.wait_for_timeout(200)
+    raise AssertionError(f"the page does not show the kernel's {key}")
 
 
 def changed(nb, key, before):

@@ -1,0 +1,37 @@
+// Curves drawn by plotly.js, which is loaded once a page.
+const load = async model => {
+  const code = await model.widget_manager.get_model(model.get("code").slice("IPY_MODEL_".length));
+  const made = { exports: {} };
+  new Function("module", "exports", "define", code.get("text"))(made, made.exports, undefined);
+  return made.exports;
+};
+const numbers = view => new Float32Array(view.buffer.slice(view.byteOffset, view.byteOffset + view.byteLength));
+
+async function render({ model, el }) {
+  const box = document.createElement("div");
+  el.classList.add("smcaero-picture");
+  el.appendChild(box);
+  const plotly = await (globalThis.smcaeroPlotly ??= load(model));
+
+  // One message may change all three; they are drawn when it has been read.
+  let asked = false;
+  const draw = () => {
+    asked = false;
+    const { traces, layout } = model.get("drawing"), x = model.get("x"), y = model.get("y");
+    if (!traces || x.length !== traces.length || y.length !== traces.length) return;
+    const data = traces.map((t, i) => ({ ...t, x: numbers(x[i]), y: numbers(y[i]) }));
+    plotly.react(box, data, structuredClone(layout), { responsive: true, displaylogo: false });
+  };
+  const later = () => { if (!asked) { asked = true; queueMicrotask(draw); } };
+  const changes = "change:drawing change:x change:y";
+  model.on(changes, later);
+  draw();
+
+  const fitter = new ResizeObserver(() => {
+    const width = el.getBoundingClientRect().width;
+    if (box._fullLayout && width && Math.abs(box._fullLayout.width - width) > 2) plotly.Plots.resize(box);
+  });
+  fitter.observe(el);
+  return () => { fitter.disconnect(); model.off(changes, later); plotly.purge(box); };
+}
+export default { render };

@@ -1,0 +1,54 @@
+"""Curves in the page."""
+
+import functools
+import pathlib
+
+import anywidget
+import ipywidgets as W
+import numpy as np
+import plotly.graph_objects as go
+import traitlets
+from plotly.offline import get_plotlyjs
+
+__all__ = ["Picture"]
+
+
+class _Code(W.Widget):
+    """The text of plotly.js: sent to a page once, however many pictures it has."""
+
+    text = traitlets.Unicode().tag(sync=True)
+
+
+@functools.cache
+def _plotly():
+    return _Code(text=get_plotlyjs())
+
+
+class Picture(anywidget.AnyWidget):
+    """Traces and layout, drawn by plotly.js.
+
+    The curves are state, not messages as in plotly's own FigureWidget: a page that loads slowly, or anew, draws what is there
+    now; and the page answers nothing, so that they may change from any thread.
+    """
+
+    _esm = pathlib.Path(__file__).parent / "picture.js"
+    code = traitlets.Instance(W.Widget).tag(sync=True, **W.widget_serialization)
+    drawing = traitlets.Dict().tag(sync=True)  # traces and layout, without the numbers
+    x = traitlets.List().tag(sync=True)
+    y = traitlets.List().tag(sync=True)
+
+    def __init__(self):
+        super().__init__(code=_plotly())
+
+    def show(self, traces, layout):
+        """Draw traces."""
+        drawn = go.Figure(traces, layout).to_plotly_json()
+        bare = [{k: v for k, v in t.items() if k not in ("x", "y", "uid")} for t in drawn["data"]]
+        with self.hold_sync():
+            self.drawing = dict(traces=bare, layout=drawn["layout"])
+            self.move([t.x for t in traces], [t.y for t in traces])
+
+    def move(self, x, y):
+        """Draw the same traces with other numbers."""
+        with self.hold_sync():
+            self.x, self.y = ([np.asarray(q, np.float32).tobytes() for q in values] for values in (x, y))
