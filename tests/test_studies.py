@@ -94,6 +94,9 @@ def test_comparison_takes_the_settings_of_the_mask(picture):
     c.wait()
     picture.set(law__rho=5.0, perturbation__xi_1=0.2)
     assert "Refresh takes its settings" in c.status
+    picture.mask.reset()
+    assert c.status == ""  # all is again as it is drawn
+    picture.set(law__rho=5.0, perturbation__xi_1=0.2)
     c._again.click()
     c.wait()
     assert c.status == ""

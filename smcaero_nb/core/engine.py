@@ -106,7 +106,7 @@ class ClosedLoop:
     def metadata(self, signal):
         """Metadata of a signal: a `Param`, a (nested) tuple of them, or None where no block declares any."""
         by = dict(r=("output",), y=("output",), e=("output",), e_hat=("output",), sigma=("surface",), v=("law",),
-                  u=("actuator", "allocation", "law"), d=("perturbation",))[signal]
+                  u=("actuator", "allocation") if self.stages["allocation"] else ("actuator", "law"), d=("perturbation",))[signal]
         return next((self.stages[s].output for s in by if self.stages[s] and self.stages[s].output), None)
 
     def __repr__(self):

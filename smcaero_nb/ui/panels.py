@@ -20,6 +20,7 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")  # 
 SYMBOLS = ("circle", "square", "diamond", "triangle-up", "cross")
 DASHES = ("solid", "dash", "dashdot")
 NAMED = {"sigma": r"\sigma", "dy": r"\dot y", "xi": r"\xi", "phase": r"\dot\sigma"}
+LAW = "states of the law"
 PHASE = "phase portrait"  # the row whose abscissa is sigma, not time
 ROW, TALL, GAP, TOP, BOTTOM = 112, 260, 28, 30, 44  # px; the phase portrait is a tall row
 LAYOUT = dict(autosize=True, margin=dict(l=72, r=14, t=TOP, b=BOTTOM), template="plotly_white", font=dict(size=12, color="#222"),
@@ -133,7 +134,7 @@ def panels(run, states=(), phase=False):
         for c, (name, b) in enumerate(getattr(stages["law"], "parts", {None: stages["law"]}).items()):
             for n, meta in b.states.items():
                 z = getattr(run.z.law, name) if name else run.z.law
-                add(f"law.{n}", "states of the law", c, meta, getattr(z, n))
+                add(f"law.{n}", LAW, c, meta, getattr(z, n))
     for c, (name, x, y) in enumerate(_portraits(run) if phase else ()):
         curves.append(Curve(f"phase{name}", PHASE, min(c, len(outputs) - 1), Param(), x.astype(np.float32), y.astype(np.float32),
                             across=Param(r"\sigma")))

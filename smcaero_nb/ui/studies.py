@@ -7,7 +7,7 @@ from ..core import BlockError, ClosedLoop, ParameterError, accuracy, simulate
 from .board import FIRST, ROWS, Live
 from .form import Page
 from .job import Job
-from .panels import comparison_html, draw, panels, slopes
+from .panels import LAW, comparison_html, draw, panels, slopes
 from .picture import Picture
 from .words import said_html, why_diverged
 from .worker import Dropped
@@ -122,7 +122,9 @@ class Compare(Study):
 
     def _stale(self, _):
         if self.job.worker.idle.is_set():
-            self._say("The mask has changed since: Refresh takes its settings.")
+            loops = self.loops
+            same = all((loops[n].p, loops[n].start()) == (r.loop.p, r.loop.start()) for n, r in self.runs.items())
+            self._say("" if same else "The mask has changed since: Refresh takes its settings.")
 
     def _ask(self, patience=0.0):
         loops = self.loops
@@ -133,7 +135,8 @@ class Compare(Study):
         for i, (name, loop) in enumerate(loops.items()):
             runs[name] = simulate(loop, **self._times, record=ROWS, progress=lambda q, i=i: progress((i + q)/len(loops)))
         self.runs = runs
-        self._show(draw({n: panels(r, phase=True) for n, r in runs.items()}), comparison_html(runs))
+        curves = {n: [c for c in panels(r, phase=True) if c.row != LAW] for n, r in runs.items()}  # each law has its own
+        self._show(draw(curves), comparison_html(runs))
         lost = [f"{n} {why_diverged(r)}" for n, r in runs.items() if r.diverged_at is not None]
         return "; ".join(lost), True
 
