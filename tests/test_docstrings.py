@@ -27,7 +27,8 @@ def modules():
 def public():
     """{name: thing} of what a user meets: the names of the packages and of the modules beside them, each thing once."""
     seen = {}
-    for module in (smc, smc.core, smc.surface, smc.interop, smc.pid, smc.smc1, smc.smc2, smc.differentiators, smc.lv, smc.ui):
+    for module in (smc, smc.core, smc.surface, smc.interop, smc.pid, smc.smc1, smc.smc2, smc.differentiators, smc.prd, smc.lv,
+                   smc.ui):
         for name in module.__all__:
             thing = getattr(module, name)
             if not isinstance(thing, types.ModuleType) and not any(thing is other for other in seen.values()):

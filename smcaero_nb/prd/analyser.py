@@ -1,0 +1,85 @@
+"""The paper's performance analyser: differentiate until a derivative steps."""
+
+from dataclasses import dataclass, field
+from math import comb, nan
+
+import numpy as np
+
+from ..differentiators import differentiate
+
+__all__ = ["Analysis", "analyse"]
+
+ORDERS = range(1, 6)
+MARGIN = 4.0  # of the differentiator's L over what the record shows; 1 to 32 give the same answers
+HEARD = 0.2  # noise of a derivative before the step, relative to its peak after it, up to which its step counts
+
+
+@dataclass(frozen=True, eq=False)
+class Analysis:
+    r"""What the paper's performance analyser saw; made by `identify`. Lists have one entry an order k = 1, ..., 5.
+
+    Attributes
+    ----------
+    prd : int or None
+        The lowest order whose derivative steps.
+    jumps : list of float
+        How much of its excursion z_k has made within the window (1: all of it, a step): it steps from 1 - alpha on.
+    bends : list of float
+        Slope of z_(k-1) in the first half of the window, relative to that in the second: about 1 where it changes at once,
+        small where it only grows, as of t^2 (1/3) or t^3 (1/7); large where z_(k-1) itself has stepped.
+    noise : list of float
+        Greatest excursion of z_k before the step, relative to the one after it.
+    jump_times : list of float
+        Times at which z_k has made half of its excursion [s].
+    L : list of float
+        Bounds that the differentiators were given [y/s^(k+1)].
+    derivatives : ndarray
+        z_k over the times of the result, one row an order, [y/s^k].
+    reason : str
+        Why there is no answer; empty where there is one.
+    """
+
+    prd: int | None
+    jumps: list = field(default_factory=list)
+    bends: list = field(default_factory=list)
+    noise: list = field(default_factory=list)
+    jump_times: list = field(default_factory=list)
+    L: list = field(default_factory=list)
+    derivatives: np.ndarray | None = None
+    reason: str = ""
+
+
+def analyse(y, start, n, alpha):
+    """Differentiate with order k = 1, 2, ... and see which z_k steps within `n` samples from the index `start` on.
+
+    Time is counted in windows and the response in its peak, so that one set of numbers serves all records; the result
+    is in these units.
+    """
+    t = (np.arange(len(y)) - start)/n
+    found, seen = None, {q: [] for q in ("jumps", "bends", "noise", "jump_times", "L", "derivatives")}
+    why = f"none of the derivatives 1 to {ORDERS[-1]} makes {1 - alpha:.0%} of its excursion within the window"
+    before = y
+    for k in ORDERS:
+        stride = max(1, n//(2*k))
+        part = y[max(0, start - k*stride):]
+        peak = np.abs(sum((-1)**j*comb(k, j)*part[(k - j)*stride:len(part) - j*stride] for j in range(k + 1))).max()
+        L = MARGIN*peak*(n/stride)**k
+        z = differentiate(t, y, L, k)[k] if L > 0.0 else np.zeros_like(y)
+        away = np.abs(z - z[max(0, start - 20):start].mean())
+        half, end = start + n//2, start + n
+        top = away[half:].max()
+        early, late = abs(before[half] - before[start - 1]), abs(before[end] - before[half])
+        jump, loud = (away[half:end + 1].max()/top, away[:start].max()/top) if top > 0.0 else (0.0, nan)
+        at = t[start + np.argmax(away[start:] >= 0.5*top)] if top > 0.0 else nan
+        for q, v in zip(seen.values(), (jump, early/late if late > 0.0 else nan, loud, at, L), strict=False):
+            q.append(float(v))
+        seen["derivatives"].append(z)
+        if found is None and jump >= 1.0 - alpha:
+            found = k
+            if not loud < HEARD:
+                why = (f"derivative {k} steps, but before the step its noise was {loud:.0%} of that already (allowed: "
+                       f"{HEARD:.0%})")
+        before = z
+    seen["derivatives"] = np.array(seen["derivatives"])
+    heard = found is not None and seen["noise"][found - 1] < HEARD
+    return Analysis(found if heard else None, **seen, reason="" if heard else why)
