@@ -49,37 +49,37 @@ class Analysis:
     reason: str = ""
 
 
-def analyse(y, start, n, alpha):
+def analyse(t, away, start, n, alpha):
     """Differentiate with order k = 1, 2, ... and see which z_k steps within `n` samples from the index `start` on.
 
-    Time is counted in windows and the response in its peak, so that one set of numbers serves all records; the result
-    is in these units.
+    Inside, time is counted in windows and the response in its peak, so that one set of numbers serves all records.
     """
-    t = (np.arange(len(y)) - start)/n
-    found, seen = None, {q: [] for q in ("jumps", "bends", "noise", "jump_times", "L", "derivatives")}
-    why = f"none of the derivatives 1 to {ORDERS[-1]} makes {1 - alpha:.0%} of its excursion within the window"
-    before = y
+    window, size = n*(t[1] - t[0]), np.abs(away).max()
+    s, f = (np.arange(len(t)) - start)/n, away/size
+    half, end = start + n//2, start + n
+    seen, before = {q: [] for q in ("jumps", "bends", "noise", "jump_times", "L", "derivatives")}, f
     for k in ORDERS:
         stride = max(1, n//(2*k))
-        part = y[max(0, start - k*stride):]
+        part = f[max(0, start - k*stride):]
         peak = np.abs(sum((-1)**j*comb(k, j)*part[(k - j)*stride:len(part) - j*stride] for j in range(k + 1))).max()
         L = MARGIN*peak*(n/stride)**k
-        z = differentiate(t, y, L, k)[k] if L > 0.0 else np.zeros_like(y)
-        away = np.abs(z - z[max(0, start - 20):start].mean())
-        half, end = start + n//2, start + n
-        top = away[half:].max()
-        early, late = abs(before[half] - before[start - 1]), abs(before[end] - before[half])
-        jump, loud = (away[half:end + 1].max()/top, away[:start].max()/top) if top > 0.0 else (0.0, nan)
-        at = t[start + np.argmax(away[start:] >= 0.5*top)] if top > 0.0 else nan
-        for q, v in zip(seen.values(), (jump, early/late if late > 0.0 else nan, loud, at, L), strict=False):
+        z = differentiate(s, f, L, k)[k] if L > 0.0 else np.zeros_like(f)
+        moved = np.abs(z - z[max(0, start - 20):start].mean())
+        top, first, second = moved[half:].max(), abs(before[half] - before[start - 1]), abs(before[end] - before[half])
+        unit, some = size/window**k, top > 0.0
+        for q, v in zip(seen.values(), (
+                moved[half:end + 1].max()/top if some else 0.0, first/second if second > 0.0 else nan,
+                moved[:start].max()/top if some else nan, t[start + np.argmax(moved[start:] >= 0.5*top)] if some else nan,
+                L*unit/window), strict=False):
             q.append(float(v))
-        seen["derivatives"].append(z)
-        if found is None and jump >= 1.0 - alpha:
-            found = k
-            if not loud < HEARD:
-                why = (f"derivative {k} steps, but before the step its noise was {loud:.0%} of that already (allowed: "
-                       f"{HEARD:.0%})")
+        seen["derivatives"].append(z*unit)
         before = z
     seen["derivatives"] = np.array(seen["derivatives"])
-    heard = found is not None and seen["noise"][found - 1] < HEARD
-    return Analysis(found if heard else None, **seen, reason="" if heard else why)
+    k = next((k for k in ORDERS if seen["jumps"][k - 1] >= 1.0 - alpha), None)
+    why = ""
+    if k is None:
+        why = f"none of the derivatives 1 to {ORDERS[-1]} makes {1 - alpha:.0%} of its excursion within the window"
+    elif not seen["noise"][k - 1] < HEARD:
+        why = (f"derivative {k} steps, but its noise before the step was {seen['noise'][k - 1]:.0%} of that already (allowed: "
+               f"{HEARD:.0%})")
+    return Analysis(None if why else k, **seen, reason=why)

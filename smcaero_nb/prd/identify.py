@@ -48,11 +48,7 @@ class PRDResult:
     reason : str
         Why there is no answer, or why it is not confirmed; empty where it is.
     t, y : ndarray
-        What was used of the record [s], [y].
-    derivatives : ndarray, shape (5, N)
-        Estimates of the derivatives 1 to 5 [y/s^k].
-    jump_times : list of float
-        When each of them has made half of its excursion [s].
+        What was used of the record [s], [y]; `analyser.derivatives` and `analyser.jump_times` belong to it.
     step_time, amplitude : float
         The step [s], [u].
     name : str
@@ -70,8 +66,6 @@ class PRDResult:
     reason: str
     t: np.ndarray
     y: np.ndarray
-    derivatives: np.ndarray
-    jump_times: list
     step_time: float
     amplitude: float
     name: str
@@ -94,7 +88,7 @@ class PRDResult:
         if a.prd:
             k = a.prd
             before = "y" if k == 1 else f"y^({k - 1})"
-            lines.append(f"y^({k}) steps at {self.jump_times[k - 1]:.5g} s, and {before} changes its slope there: in the first "
+            lines.append(f"y^({k}) steps at {a.jump_times[k - 1]:.5g} s, and {before} changes its slope there: in the first "
                          f"half of the window it is {a.bends[k - 1]:.2f} of that in the second. Its noise before the step is "
                          f"{a.noise[k - 1]:.2g} of the step (allowed: {HEARD:g}).")
         elif a.reason:
@@ -167,11 +161,6 @@ def _ripple(y):
     return float(np.sqrt(np.mean(np.diff(y, 6)**2)/924)) if len(y) > 12 else 0.0  # 924: sum of its squared weights
 
 
-def _gain(t, away, r):
-    """Step of the derivative r: y r!/t^r, extended to t = 0 by a straight line."""
-    return float(np.polyfit(t, away*math.factorial(r)/t**r, 1)[1])
-
-
 def _fits(record, window):
     """Samples in a window and in its span; None where the record is too short or too coarse for it."""
     n = round(window/record.h)
@@ -193,27 +182,21 @@ def _at(record, window, alpha):
     rest = y[:start]
     away = y - np.median(rest)
     size = float(np.abs(away[start:]).max())
-    parts = [np.median(q) for q in np.array_split(rest, 5)]
-    drift, hiss, noise = float(np.ptp(parts)), _ripple(rest), max(float(rest.std()), _ripple(y[start + 8:]))
-    why = ""
+    drift, hiss = float(np.ptp([np.median(q) for q in np.array_split(rest, 5)])), _ripple(rest)
+    noise, why = max(float(rest.std()), _ripple(y[start + 8:])), ""
     if size == 0.0:
         why = "the output does not respond to the input"
     elif drift > REST*size and drift > 6.0*hiss/np.sqrt(start/5):
         why = f"the plant was not at rest before the step: the output drifted by {drift/size:.0%} of the response"
     if why:
-        analysis, power = Analysis(None, reason=why), PowerLaw(None, np.nan, (np.nan, np.nan), noise, why)
-        estimates = np.zeros((5, len(t)))
+        analysis = Analysis(None, derivatives=np.zeros((5, len(t))), reason=why)
+        power = PowerLaw(None, np.nan, (np.nan, np.nan), noise, why)
     else:
         power = power_law(t[start:] - record.step_time, away[start:], noise, SPAN*window)
-        f = away/size
-        # a coarse log is quiet before the step and noisy after it; let the analyser hear beforehand what is to come
         if noise > FINE*size:
-            f[:start] += np.sqrt(max(noise**2 - rest.var(), 0.0))/size*np.random.default_rng(0).standard_normal(start)
-        analysis = analyse(f, start, n, alpha)
-        scale = size/(n*record.h)**np.arange(1, 6)
-        estimates = analysis.derivatives*scale[:, None]
-        analysis = replace(analysis, derivatives=estimates, L=[L*s/(n*record.h) for L, s in zip(analysis.L, scale, strict=True)],
-                           jump_times=[record.t[record.start] + q*n*record.h for q in analysis.jump_times])
+            # a coarse log is quiet before the step and noisy after it: let the analyser hear beforehand what is to come
+            away[:start] += np.sqrt(max(noise**2 - rest.var(), 0.0))*np.random.default_rng(0).standard_normal(start)
+        analysis = analyse(t, away, start, n, alpha)
     a, b = analysis.prd, power.prd
     prd, confirmed = a or b, a is not None and a == b
     if a and b and not confirmed and analysis.noise[a - 1] > ALONE:
@@ -222,11 +205,13 @@ def _at(record, window, alpha):
         why = "; ".join(f"{m}: {said}" for m, said in (("analyser", analysis.reason or f"PRD {a}"), (
             "power law", power.reason or f"PRD {b}, slope {power.slope:.2f}")))
     gain = np.nan
-    if prd:
-        steady = float(np.median(estimates[prd - 1, start + n//2:start + n + 1]))
-        gain = (_gain(t[start + n//4:] - record.step_time, away[start + n//4:], prd) if prd == b else steady)/record.amplitude
-    return PRDResult(prd, confirmed, float(window), alpha, analysis, power, gain, noise/size if size else np.nan, why, t, y,
-                     estimates, analysis.jump_times, record.step_time, record.amplitude, record.name)
+    if prd and prd == b:  # y r!/t^r, extended to t = 0 by a straight line
+        s = t[start + n//4:] - record.step_time
+        gain = np.polyfit(s, away[start + n//4:]*math.factorial(prd)/s**prd, 1)[1]
+    elif prd:
+        gain = np.median(analysis.derivatives[prd - 1, start + n//2:start + n + 1])
+    return PRDResult(prd, confirmed, float(window), alpha, analysis, power, float(gain)/record.amplitude,
+                     noise/size if size else np.nan, why, t, y, record.step_time, record.amplitude, record.name)
 
 
 def _searched(record, alpha):

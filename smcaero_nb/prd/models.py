@@ -3,7 +3,6 @@
 import sys
 
 import numpy as np
-from scipy.linalg import expm
 
 from ..core import Block, BlockError, ClosedLoop, ParameterError, block, simulate
 from ..core.metrics import heads
@@ -39,6 +38,8 @@ def responses(source, output, surface, window, amplitude, x0):
 # ---- each gives [input][output] of arrays of REST + MOTION samples ---------------------------------------------------
 def _linear(source, h, amplitude):
     """Exact at the samples."""
+    from scipy.linalg import expm  # slow to import, so only here
+
     A, B, C, D, _ = matrices(source)
     n, m = B.shape
     E = expm(np.block([[A, B], [np.zeros((m, n + m))]])*h)
@@ -80,11 +81,10 @@ def _inputs(plant):
         try:
             plant.f(*({"t": 0.0, "x": plant.z0, "u": u, "d": 0.0}[n] for n in plant.signals), *plant.p)
             return m
-        except (TypeError, IndexError, ValueError):
-            continue
-        except ArithmeticError:
-            break
-    raise BlockError(f"prd.identify: '{plant.name}' works with no number of inputs from 1 to {INPUTS} at its initial state")
+        except (TypeError, IndexError, ValueError, ArithmeticError) as reason:
+            why = reason
+    raise BlockError(f"prd.identify: '{plant.name}' works with no number of inputs from 1 to {INPUTS} at its initial state; with "
+                     f"{INPUTS}: {type(why).__name__}: {why}")
 
 
 def _step(m):
