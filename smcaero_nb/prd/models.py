@@ -107,7 +107,7 @@ def _block(source, output, surface, h, amplitude):
 
     def moved(which, height):
         run = simulate(loop.with_(law__which=which, law__height=height), (REST + MOTION)*h, h, method="rk4",
-                       record=REST + MOTION)
+                       record=REST + MOTION, jit=False)  # so few steps are done before a compiler has begun
         if run.diverged_at is not None:
             raise ParameterError(f"prd.identify: {plant.name} diverges {run.diverged_at - REST*h:.3g} s after the step; take a "
                                  "shorter window or a smaller amplitude")

@@ -15,6 +15,7 @@ __all__ = ["Record", "read_csv"]
 BEFORE = 20  # samples before the step, at least
 AFTER = 50  # samples after it
 JITTER = 0.1  # of a sampling step, by which a time may miss the even grid
+DELIMITERS = {",": "comma", ";": "semicolon", "\t": "tab", None: "blank"}
 SECONDS = {"": 1.0, "s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "min": 60.0, "h": 3600.0}
 
 
@@ -111,30 +112,18 @@ class Record:
 
 
 # ---- CSV -------------------------------------------------------------------------------------------------------------
-def _delimiter(lines):
-    """The delimiter that splits every line into equally many parts, and most of them."""
-    counts = {d: [len(q.split(d)) for q in lines] for d in ";\t,"}
-    even = {d: n[0] for d, n in counts.items() if len(set(n)) == 1 and n[0] > 1}
-    if even:
-        return max(even, key=even.get)
-    common = {d: np.median(n) for d, n in counts.items() if np.median(n) > 1}
-    return max(common, key=common.get) if common else None  # None: blanks
-
-
-def _parts(text, delimiter):
-    """Fields of a line."""
-    return text.split() if delimiter is None else [q.strip() for q in next(csv.reader([text], delimiter=delimiter))]
-
-
-def _named(field):
+def _column(field):
     """Name and unit of a column: 'time [ms]', 'theta (rad)', 'u'."""
-    name, unit = re.match(r"\s*([^\[(]*?)\s*(?:[\[(]([^\])]*)[\])])?\s*$", field.strip('"')).groups() if field else ("", "")
-    return name, unit or ""
+    name, unit = re.match(r"([^\[(]*)(?:[\[(]([^\])]*))?", field).groups()
+    return name.strip(), (unit or "").strip()
 
 
-def _number(text, delimiter):
-    """A field as a number; a comma may be the decimal point where it is not the delimiter."""
-    return float(text.replace(",", ".") if delimiter != "," else text)
+def _number(field, sep):
+    """A field as a number, NaN where it is none; a comma is the decimal point where it separates nothing."""
+    try:
+        return float(field if sep == "," else field.replace(",", "."))
+    except ValueError:
+        return math.nan
 
 
 def read_csv(path, t=None, y=None, u=None, *, step_time=None, amplitude=None):
@@ -167,71 +156,64 @@ def read_csv(path, t=None, y=None, u=None, *, step_time=None, amplitude=None):
     With semicolons, tabs or blanks a comma in a number is its decimal point. Not in the paper.
     """
     file = pathlib.Path(path)
+
+    def refuse(said, line=0):
+        raise ParameterError(f"prd.read_csv: {file.name}" + f", line {line}"*(line > 0) + f": {said}") from None
+
     try:
         text = file.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as why:
-        raise ParameterError(f"prd.read_csv: {file.name} cannot be read: {why}") from None
-
-    def refuse(said, line=None):
-        raise ParameterError(f"prd.read_csv: {file.name}" + (f", line {line}" if line else "") + f": {said}")
-
+        refuse(f"cannot be read: {why}")
     lines = [(i, q) for i, q in enumerate(text.splitlines(), 1) if q.strip() and q.strip()[0] not in "#%"]
     if len(lines) < 2:
         refuse("a line of names and lines of numbers are needed")
-    delimiter = _delimiter([q for _, q in lines[:50]])
-    head, *rows = [(i, _parts(q, delimiter)) for i, q in lines]
-    columns = [_named(q) for q in head[1]]
+    top, head = lines[0]
+    sep = max(";\t,", key=head.count)
+    sep = sep if sep in head else None  # blanks
+    rows = [(i, q.split() if sep is None else [f.strip() for f in next(csv.reader([q], delimiter=sep))]) for i, q in lines]
+    columns = [_column(q) for q in rows[0][1]]
     names = [n for n, _ in columns]
-    if delimiter is None and any(not q.replace("_", "a").isidentifier() for q in names):
-        refuse("names with blanks need commas, semicolons or tabs between the columns", head[0])
-    if any(re.fullmatch(r"[-+.\d][-+.,\deE]*", q) for q in head[1]):
-        refuse(f"the first line must hold the names of the columns, not numbers ({', '.join(head[1][:4])})", head[0])
+    if any(math.isfinite(_number(q, sep)) for q in names):
+        refuse(f"the first line must hold the names of the columns, not numbers ({', '.join(names[:4])})", top)
     if len(columns) < 2:
-        refuse(f"only one column ('{names[0]}') was found; time and output are needed", head[0])
+        refuse(f"only one column ('{names[0]}') was found; time and output are needed", top)
     if len(columns) > 3 and (t is None or y is None):
         refuse(f"there are {len(columns)} columns ({', '.join(names)}): say which are t and y, and u where there is an input")
     chosen = {"t": t or names[0], "y": y or names[1], "u": u or (names[2] if len(columns) == 3 and not y else None)}
+    at = {}
     for what, n in chosen.items():
         if n is not None and n not in names:
-            refuse(f"{what} = {n!r} is not there; the columns are {', '.join(names)}", head[0])
-    at = {what: names.index(n) for what, n in chosen.items() if n is not None}
-    data = {what: np.empty(len(rows)) for what in at}
-    for k, (i, fields) in enumerate(rows):
+            refuse(f"{what} = {n!r} is not there; the columns are {', '.join(names)}", top)
+        if n is not None:
+            at[what] = names.index(n)
+    data = {what: np.empty(len(rows) - 1) for what in at}
+    for k, (i, fields) in enumerate(rows[1:]):
         if len(fields) != len(columns):
-            refuse(f"{len(fields)} columns, but the names are {len(columns)}; the delimiter is {_said(delimiter)}", i)
+            refuse(f"{len(fields)} columns, but the names are {len(columns)}; the delimiter is {DELIMITERS[sep]}", i)
         for what, j in at.items():
-            try:
-                data[what][k] = _number(fields[j], delimiter)
-            except ValueError:
-                data[what][k] = math.nan
+            data[what][k] = _number(fields[j], sep)
+            where = f"column {j + 1} ('{names[j]}'): "
             if not math.isfinite(data[what][k]):
-                refuse(f"column {j + 1} ('{names[j]}'): {fields[j]!r} is not a finite number", i)
-        if k and data["t"][k] <= data["t"][k - 1]:
-            refuse(f"column {at['t'] + 1} ('{names[at['t']]}'): {fields[at['t']]} after {rows[k - 1][1][at['t']]}; times must "
-                   "increase", i)
+                refuse(f"{where}{fields[j]!r} is not a finite number", i)
+            if what == "t" and k and data["t"][k] <= data["t"][k - 1]:
+                refuse(f"{where}{fields[j]} after {rows[k][1][j]}; times must increase", i)
     unit = columns[at["t"]][1]
     if unit not in SECONDS:
-        refuse(f"the unit of time [{unit}] is not known; it must be one of {', '.join(filter(None, SECONDS))}", head[0])
-    seconds = data["t"]*SECONDS[unit]
-    until = math.inf
+        refuse(f"the unit of time [{unit}] is not known; it must be one of {', '.join(filter(None, SECONDS))}", top)
+    seconds, until = data["t"]*SECONDS[unit], math.inf
     if "u" in at:
         changes = np.flatnonzero(np.diff(data["u"])) + 1
-        if not len(changes) and (step_time is None or amplitude is None):
+        changes = changes[seconds[changes] >= (-math.inf if step_time is None else step_time - 1e-9)]
+        if len(changes):
+            step_time = seconds[changes[0]] if step_time is None else step_time
+            amplitude = data["u"][changes[0]] - data["u"][changes[0] - 1] if amplitude is None else amplitude
+            until = seconds[changes[1]] if len(changes) > 1 else until
+        elif step_time is None or amplitude is None:
             refuse(f"the input '{names[at['u']]}' never changes: there is no step")
-        first = changes if step_time is None else changes[seconds[changes] >= step_time - 1e-9]
-        if len(first):
-            step_time = seconds[first[0]] if step_time is None else step_time
-            amplitude = data["u"][first[0]] - data["u"][first[0] - 1] if amplitude is None else amplitude
-            until = seconds[first[1]] if len(first) > 1 else math.inf
     elif step_time is None:
         refuse("there is no column of the input: give step_time [s]")
     amplitude = 1.0 if amplitude is None else amplitude
     said = ", ".join(f"{what} = '{names[j]}' [{columns[j][1] or ('s' if what == 't' else '?')}]" for what, j in at.items())
-    about = (f"{file.name}: {len(rows)} rows, {len(columns)} columns, delimiter {_said(delimiter)}; {said}; step of "
+    about = (f"{file.name}: {len(rows) - 1} rows, {len(columns)} columns, delimiter {DELIMITERS[sep]}; {said}; step of "
              f"{amplitude:g} at {step_time:g} s")
     return Record(seconds, data["y"], step_time, amplitude, until, file.stem, about)
-
-
-def _said(delimiter):
-    """A delimiter in words."""
-    return {",": "comma", ";": "semicolon", "\t": "tab", None: "blank"}[delimiter]
