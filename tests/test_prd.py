@@ -6,7 +6,7 @@ from collections import Counter
 import control
 import numpy as np
 import pytest
-from published import HIGH_FREQUENCY_GAIN, PRD
+from published import HIGH_FREQUENCY_GAIN, LANDER_PRD, PRD
 from scipy.linalg import expm
 
 import smcaero_nb as smc
@@ -163,7 +163,7 @@ def test_a_nonlinear_system_of_python_control():
 
 # ---- several inputs and outputs --------------------------------------------------------------------------------------
 def test_vector_relative_degree_of_two_coupled_axes():
-    """As the lander: two accelerations, each from its own thrusters, and a little from the other's."""
+    """Two accelerations, each from its own thrusters, and a little from the other's."""
     A = np.diag([1.0, 0.0, 1.0], 1)
     B = np.array([[0.0, 0.0], [2.0, 0.1], [0.0, 0.0], [0.1, -0.5]])
     result = prd.identify(control.ss(A, B, [[1.0, 0, 0, 0], [0, 0, 1.0, 0]], np.zeros((2, 2))))
@@ -171,6 +171,20 @@ def test_vector_relative_degree_of_two_coupled_axes():
     assert str(result) == "The experimentally determined vector PRD is equal to [2, 2]"
     assert [[q.gain for q in row] for row in result.results] == [pytest.approx(row, rel=1e-3) for row in B[[1, 3]].tolist()]
     assert result.results[1][0].name.endswith("input 1 to output 2") and "input 1 to output 2" in result.explain()
+
+
+@block(state=dict(theta=1.6, w=0.1, x=6500.0, v=-10.0))
+def lander(x, u, d):
+    """The paper's (46): attitude and descent."""
+    return x[1], 2.8/300*u[0] + d[0], x[3], math.sin(x[0])/1000.0*(u[0] + u[1]) - 1.6 + d[1]
+
+
+def test_the_lander():
+    result = prd.identify(lander, output=block(lambda x: ((x[0], x[1]), (x[2], x[3]))))
+    assert result.prd == LANDER_PRD.value and result.confirmed
+    assert str(result) == "The experimentally determined vector PRD is equal to [2, 2]"
+    assert [[q.prd for q in row] for row in result.results] == [[2, None], [2, 2]]
+    assert result.results[1][1].gain == pytest.approx(math.sin(1.6)/1000.0, rel=1e-3)
 
 
 @block(state={n: (0.0, smc.Param()) for n in ("a", "da", "b")})

@@ -74,25 +74,18 @@ def _nonlinear(source, h, amplitude, x0):
     return [moved(amplitude*e) - free for e in np.eye(source.ninputs)]
 
 
-def _inputs(plant):
-    """Number of inputs that a plant block takes: the fewest with which it works."""
+def _shapes(plant):
+    """Zero input and zero perturbation of the shapes that a plant block takes: the fewest inputs with which it works."""
     for m in range(1, INPUTS + 1):
-        u = (0.0,)*m if m > 1 else 0.0
-        try:
-            plant.f(*({"t": 0.0, "x": plant.z0, "u": u, "d": 0.0}[n] for n in plant.signals), *plant.p)
-            return m
-        except (TypeError, IndexError, ValueError, ArithmeticError) as reason:
-            why = reason
+        for d in (0.0, (0.0,)*m):
+            given = {"t": 0.0, "x": plant.z0, "u": (0.0,)*m if m > 1 else 0.0, "d": d}
+            try:
+                plant.f(*(given[n] for n in plant.signals), *plant.p)
+                return given["u"], d
+            except (TypeError, IndexError, ValueError, ArithmeticError) as reason:
+                why = reason
     raise BlockError(f"prd.identify: '{plant.name}' works with no number of inputs from 1 to {INPUTS} at its initial state; with "
                      f"{INPUTS}: {type(why).__name__}: {why}")
-
-
-def _step(m):
-    """Law: a step of one of m inputs at t = 0, seen from `start`."""
-    one = "(height if t >= start and which == {} else 0.0)"
-    text = one.format(0) if m == 1 else f"({', '.join(one.format(j) for j in range(m))})"
-    exec(f"def step(t, start=0.0, which: int = 0, height=1.0):\n    return {text}", names := {"__name__": __name__})
-    return block(names["step"])
 
 
 def _block(source, output, surface, h, amplitude):
@@ -102,12 +95,16 @@ def _block(source, output, surface, h, amplitude):
         output, surface = output or stages["output"], surface or stages["surface"]
     else:
         plant, output = source, output or getattr(source, "y", None)
-    m = _inputs(plant)
-    loop = ClosedLoop(plant, output=output, surface=surface, law=_step(m).with_(start=(REST - 0.5)*h))
+    u, d = _shapes(plant)
+    m = len(u) if isinstance(u, tuple) else 1
 
-    def moved(which, height):
-        run = simulate(loop.with_(law__which=which, law__height=height), (REST + MOTION)*h, h, method="rk4",
-                       record=REST + MOTION, jit=False)  # so few steps are done before a compiler has begun
+    def moved(stepped, height):
+        def step(t):
+            now = tuple(height if j == stepped and t >= (REST - 0.5)*h else 0.0 for j in range(m))
+            return now if m > 1 else now[0]
+
+        loop = ClosedLoop(plant, output=output, surface=surface, law=block(step), perturbation=block(lambda t: d))
+        run = simulate(loop, (REST + MOTION)*h, h, method="rk4", record=REST + MOTION, jit=False)  # few steps: no compiler
         if run.diverged_at is not None:
             raise ParameterError(f"prd.identify: {plant.name} diverges {run.diverged_at - REST*h:.3g} s after the step; take a "
                                  "shorter window or a smaller amplitude")
