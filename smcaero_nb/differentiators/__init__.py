@@ -1,8 +1,8 @@
 """Robust exact differentiation: e, e', ..., e^(n_d) of a sampled, noisy signal, in a loop or from a record."""
 
 from .observer import observer
-from .recorded import differentiate
+from .recorded import differentiate, lipschitz
 from .sampled import differentiator
 from .table import LAMBDA
 
-__all__ = ["LAMBDA", "differentiate", "differentiator", "observer"]
+__all__ = ["LAMBDA", "differentiate", "differentiator", "lipschitz", "observer"]

@@ -103,9 +103,14 @@ def _chosen(name, value, allowed):
     return value
 
 
+def per(unit, i):
+    """Unit of the i-th derivative; i < 0: of an integral."""
+    return unit + (("/s" if i > 0 else " s") + f"^{abs(i)}"*(abs(i) > 1) if i else "")
+
+
 def memory(n_d, unit):
     """The states z_0..z_nd and started."""
-    z = {f"z_{i}": (0.0, Param(f"z_{i}(0)", f"{unit}/s^{i}" if i else unit, help=f"derivative of order {i} to start with",
+    z = {f"z_{i}": (0.0, Param(f"z_{i}(0)", per(unit, i), help=f"derivative of order {i} to start with",
                                slider=(-10.0, 10.0))) for i in range(n_d + 1)}
     return {**z, "started": (0.0, Param(low=0.0, high=1.0, help="0: z_0 is set to the first sample; 1: z_0 starts as given",
                                         slider=(0.0, 1.0)))}
@@ -194,7 +199,7 @@ def _made(n_d, n_f, method, of):
     lines, y = METHODS[method][0](n_d, n_f, x)
     out = f"({', '.join(y)})"
     name = f"{method}_{n_d}" + f"_{n_f}"*(n_f > 0)
-    bound = Param("L", f"[{of}]/s^{order}", low=1e-9, log=True, slider=(1e-2, 1e4),
+    bound = Param("L", per(f"[{of}]", order), low=1e-9, log=True, slider=(1e-2, 1e4),
                   help=f"bound of the derivative of order {order} of {of}" + "; more than float64 serves"*(n_d + n_f > LIMIT))
     names = dict(math=math, first=first, error=error, B=Annotated[float, bound], __name__=__name__)
     exec(newton(n_d + n_f), names)
@@ -204,6 +209,6 @@ def _made(n_d, n_f, method, of):
         f"return {f'error(r, {out})' if of == 'y' else out}, ({', '.join(f'n_{i}' for i in range(len(x)))}, 1.0)"]), names)
     f = names[name]
     f.__doc__ = _explained(x, n_d, n_f, method, of)
-    state = {f"w_{i + 1}": (0.0, Param(f"w_{i + 1}(0)", f"[{of}] s^{n_f - i}", help="filter to start with", slider=(-1.0, 1.0)))
+    state = {f"w_{i + 1}": (0.0, Param(f"w_{i + 1}(0)", per(f"[{of}]", i - n_f), help="filter to start with", slider=(-1.0, 1.0)))
              for i in range(n_f)}
     return block(state=state | memory(n_d, f"[{of}]"))(f)
