@@ -242,8 +242,7 @@ def none(e):
     return 0.0
 
 
-@pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize(("n_d", "n_f"), [(0, 0), (0, 1), (2, 0), (3, 2), (5, 0)])
+@pytest.mark.parametrize(("method", "n_d", "n_f"), [*((m, 3, 2) for m in METHODS), ("levant", 0, 1), ("implicit", 2, 0)])
 def test_block_loop_and_record_are_the_same(method, n_d, n_f):
     blk = differentiator(n_d, n_f, method).with_(L=2.0)
     loop = ClosedLoop(nothing, reference=ramp, output=zero, differentiator=blk, surface=none)
@@ -291,14 +290,14 @@ def test_of_the_output(method):
     """A step of the reference moves e at once and leaves the derivatives alone."""
     loop = ClosedLoop(chain(2).with_(s0=1.0, s1=0.5), output=chain_output, reference=jump, duration=3.0, dt=1e-3, surface=none,
                       differentiator=differentiator(1, method=method, of="y").with_(L=2.0))
-    run = simulate(loop, record=3000)
+    run = simulate(loop, record=3000, jit=False)
     late = run.t > 1.5
     assert late.sum() and np.abs(run.e_hat[0] - run.e[0])[late].max() < 1e-4
     assert np.abs(run.e_hat[1] - run.e[1])[late].max() < 1e-2
-    stirred = simulate(loop.with_(differentiator=differentiator(1, method=method).with_(L=2.0)), record=3000)
+    stirred = simulate(loop.with_(differentiator=differentiator(1, method=method).with_(L=2.0)), record=3000, jit=False)
     assert np.abs(stirred.e_hat[1] - stirred.e[1])[late].max() > 0.5
     moving = simulate(ClosedLoop(nothing, reference=wave, output=still, surface=none,
-                                 differentiator=differentiator(2, method=method, of="y")), 1.0, 0.01)
+                                 differentiator=differentiator(2, method=method, of="y")), 1.0, 0.01, jit=False)
     for estimate, value in zip(moving.e_hat, moving.e, strict=True):
         assert np.array_equal(estimate, value)
     with pytest.raises(BlockError, match="gives 2 derivatives; it must give 3"):
@@ -323,7 +322,7 @@ def none_of_two(sigma):
 def test_channels():
     loop = ClosedLoop(chain(2).with_(s0=1.0), output=two_outputs, law=none_of_two,
                       differentiator=channels(a=differentiator(2, of="y"), b=differentiator(0, 1)))
-    run = simulate(loop, 1.0, 0.01)
+    run = simulate(loop, 1.0, 0.01, jit=False)
     assert np.shape(run.e_hat[0]) == (3, 101) and np.shape(run.e_hat[1]) == (101,)
 
 
@@ -466,7 +465,7 @@ def tail(run, seconds):
     return [np.abs(s[run.t > run.t[-1] - seconds]).max() for s in vars(run.x).values()]
 
 
-@pytest.mark.parametrize(("r", "method"), [(2, "levant"), (2, "implicit"), (3, "levant"), (3, "implicit"), (5, "implicit")])
+@pytest.mark.parametrize(("r", "method"), [(2, "levant"), (3, "implicit"), (5, "implicit")])
 def test_output_feedback_keeps_the_accuracy(r, method):
     taus = np.array([2e-3, 1e-3, 5e-4])/(1.0 if r == 5 else 2.0)
     loop = feedback(hosmc.quasi_continuous(r), r, method)
@@ -482,13 +481,13 @@ LAWS = [(family, r) for family in ("quasi_continuous", "nested", "adaptive_conti
 def test_every_law_runs_with_an_estimate_in_place_of_the_state(family, r):
     law = getattr(hosmc, family)(r)
     L = 100.0 if family == "adaptive_continuous" else None
-    tau = 2.5e-4 if (family, r) == ("nested", 5) else 1e-3
-    run = simulate(feedback(law, r, "implicit", L), 40.0, tau, method="rk4", record=20_000)
+    tau, jit = (2.5e-4, True) if (family, r) == ("nested", 5) else (2e-3 if r > 3 else 4e-3, False)
+    run = simulate(feedback(law, r, "implicit", L), 20.0, tau, method="rk4", record=20_000, jit=jit)
     assert run.diverged_at is None
-    assert sum(v**(1/(r - i)) for i, v in enumerate(tail(run, 4.0))) < 0.5
+    assert sum(v**(1/(r - i)) for i, v in enumerate(tail(run, 3.0))) < 0.5
 
 
-@pytest.mark.parametrize(("preset", "n_d", "J_e"), [("recommended", 2, 0.00399), ("r3", 3, 0.00403), ("raised", 3, 0.00658)])
+@pytest.mark.parametrize(("preset", "n_d", "J_e"), [("recommended", 2, 0.00399), ("raised", 3, 0.00658)])
 def test_launch_vehicle_with_the_pitch_alone(preset, n_d, J_e):
     """Of theta and not of e, whose steps the differentiator would have to follow."""
     loop = smc.lv.loop("hosm", preset)
@@ -497,7 +496,7 @@ def test_launch_vehicle_with_the_pitch_alone(preset, n_d, J_e):
 
 
 # ---- observer ----------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize(("r", "law"), [(1, hosmc.quasi_continuous(1)), (2, hosmc.quasi_continuous(2)), (3, hosmc.nested(3))])
+@pytest.mark.parametrize(("r", "law"), [(1, hosmc.quasi_continuous(1)), (3, hosmc.quasi_continuous(3))])
 def test_observer_finds_the_perturbation(r, law):
     """A relay, an estimate in place of the state, and xi to the order tau."""
     taus, found = np.array([2e-3, 1e-3, 5e-4]), []
