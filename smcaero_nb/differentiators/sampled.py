@@ -17,7 +17,8 @@ METHODS = {
     "levant": (explicit, """Explicit steps with Taylor's terms, of samples before t: without noise the error of z_i is of the
     order tau^({order} - i)."""),
     "implicit": (implicit, """Backward Euler steps, solved for the next s, and estimates freed of the bias of backward
-    differences. They use the sample at t. Without noise z_0 is exact, the error of z_i of the order tau^({order} - i), nothing chatters."""),
+    differences. They use the sample at t. Without noise z_0 is exact, the error of z_i of the order tau^({order} - i), and
+    nothing chatters."""),
     "matching": (matching, """Explicit steps, of samples before t, with the eigenvalues exp(tau p_j (L/|s|)^(1/{N})), p_j the
     roots of the polynomial with the coefficients (1, lambda_{n}, ..., lambda_0): without noise the error of z_i is of the order
     tau^({order} - i)."""),
@@ -38,13 +39,13 @@ def _error(r, z):
 #: e = r - y and its derivatives, from those of y; a reference without derivatives is piecewise constant.
 error = generated("r, z", _error)
 
-DOC = r"""Robust exact differentiator, {method}, n_d = {n_d}, n_f = {n_f}: {of} and its derivatives up to the order {n_d}.
+DOC = r"""Robust exact differentiator of {of}, {method}, n_d = {n_d}, n_f = {n_f}.
 
     .. math::
 
         {equation}
 
-    with :math:`s = {x_0}`, :math:`\lfloor x\rceil^a = |x|^a\,\mathrm{{sign}}(x)` and
+    with :math:`s = {s}`, :math:`\lfloor x\rceil^a = |x|^a\,\mathrm{{sign}}(x)` and
     :math:`\lambda = ({lam})`.
 
     Parameters
@@ -71,23 +72,27 @@ DOC = r"""Robust exact differentiator, {method}, n_d = {n_d}, n_f = {n_f}: {of} 
     """
 
 
-def _explained(n_d, n_f, method, of):
-    """Help of a block."""
-    n, lam, x = n_d + n_f, LAMBDA[n_d + n_f], [f"w_{i + 1}" for i in range(n_f)] + [f"z_{i}" for i in range(n_d + 1)]
-    rows = []
+def equation(x, minus):
+    """The differential equations of the states `x`, in LaTeX; minus = {row: what is subtracted in it}."""
+    n, rows = len(x) - 1, []
     for i in range(n + 1):
-        power = rf"\lfloor s\rceil^{{{n - i}/{n + 1}}}" if i < n else r"\mathrm{sign}(s)"
-        on = ("" if i == n else f" + {x[i + 1]}") + (" - f" if i == n_f - 1 else "")
-        rows.append(rf"\dot {x[i]} &= -\lambda_{{{n - i}}} L^{{{i + 1}/{n + 1}}} {power}{on}")
+        power = rf"\lfloor s\rceil^{{{n - i}/{n + 1}}} + {x[i + 1]}" if i < n else r"\,\mathrm{sign}(s)"
+        speed = rf" L^{{{i + 1}/{n + 1}}} " if i < n else " L"
+        rows.append(rf"\dot {x[i]} &= -\lambda_{{{n - i}}}{speed}{power}{minus.get(i, '')}")
+    return " \\\\\n        ".join(rows)
+
+
+def _explained(x, n_d, n_f, method, of):
+    """Help of a block."""
     signals = f"{of} : float or tuple of float\n        f, or a tuple that starts with it; more of it is not used."
     if of == "y":
         signals += "\n    r : float or tuple of float\n        Reference; without derivatives it is piecewise constant."
     many = f"tuple of {n_d + 1} float" if n_d else "float"
-    what = "z_0, ..." if of == "e" else "r - z_0, r' - z_1, ..."
-    return DOC.format(n_d=n_d, n_f=n_f, method=method, of=of, order=n_d + 1, lam=", ".join(f"{v:g}" for v in lam),
-                      signals=signals, equation=" \\\\\n        ".join(rows), x_0=x[0] + ("" if n_f else " - f"), N=n + 1,
-                      returns=f"{many}\n        Estimates of e and its derivatives, {what}.",
-                      notes=METHODS[method][1].format(order=n_d + 1, N=n + 1, n=n))
+    returns = ("f" if of == "e" else "e = r - f") + (" and its derivatives" if n_d else "")
+    return DOC.format(n_d=n_d, n_f=n_f, method=method, of=of, order=n_d + 1, signals=signals,
+                      lam=", ".join(f"{v:g}" for v in LAMBDA[n_d + n_f]), equation=equation(x, {n_f - 1: " - f"}),
+                      s=x[0] + ("" if n_f else " - f"), returns=f"{many}\n        Estimates of {returns}.",
+                      notes=METHODS[method][1].format(order=n_d + 1, N=len(x), n=len(x) - 1))
 
 
 def _chosen(name, value, allowed):
@@ -96,6 +101,19 @@ def _chosen(name, value, allowed):
         raise ParameterError(f"differentiator: {name} = {value!r} is not allowed; it must be one of "
                              + ", ".join(map(repr, allowed)))
     return value
+
+
+def per(unit, i):
+    """Unit of the i-th derivative; i < 0: of an integral."""
+    return unit + (("/s" if i > 0 else " s") + f"^{abs(i)}"*(abs(i) > 1) if i else "")
+
+
+def memory(n_d, unit):
+    """The states z_0..z_nd and started."""
+    z = {f"z_{i}": (0.0, Param(f"z_{i}(0)", per(unit, i), help=f"derivative of order {i} to start with",
+                               slider=(-10.0, 10.0))) for i in range(n_d + 1)}
+    return {**z, "started": (0.0, Param(low=0.0, high=1.0, help="0: z_0 is set to the first sample; 1: z_0 starts as given",
+                                        slider=(0.0, 1.0)))}
 
 
 def differentiator(n_d, n_f=0, method="levant", of="e"):
@@ -176,11 +194,12 @@ def differentiator(n_d, n_f=0, method="levant", of="e"):
 @functools.cache
 def _made(n_d, n_f, method, of):
     """The block, written out for the orders."""
-    order, x = n_d + 1, [f"w_{i + 1}" for i in range(n_f)] + [f"z_{i}" for i in range(n_d + 1)]
+    order = n_d + 1
+    x = [f"w_{i + 1}" for i in range(n_f)] + [f"z_{i}" for i in range(n_d + 1)]
     lines, y = METHODS[method][0](n_d, n_f, x)
     out = f"({', '.join(y)})"
     name = f"{method}_{n_d}" + f"_{n_f}"*(n_f > 0)
-    bound = Param("L", f"[{of}]/s^{order}", low=1e-9, log=True, slider=(1e-2, 1e4),
+    bound = Param("L", per(f"[{of}]", order), low=1e-9, log=True, slider=(1e-2, 1e4),
                   help=f"bound of the derivative of order {order} of {of}" + "; more than float64 serves"*(n_d + n_f > LIMIT))
     names = dict(math=math, first=first, error=error, B=Annotated[float, bound], __name__=__name__)
     exec(newton(n_d + n_f), names)
@@ -189,12 +208,7 @@ def _made(n_d, n_f, method, of):
         "if started == 0.0:", "    z_0 = f", *lines,
         f"return {f'error(r, {out})' if of == 'y' else out}, ({', '.join(f'n_{i}' for i in range(len(x)))}, 1.0)"]), names)
     f = names[name]
-    f.__doc__ = _explained(n_d, n_f, method, of)
-    state = {f"w_{i + 1}": (0.0, Param(f"w_{i + 1}(0)", f"[{of}] s^{n_f - i}", help="filter to start with", slider=(-1.0, 1.0)))
+    f.__doc__ = _explained(x, n_d, n_f, method, of)
+    state = {f"w_{i + 1}": (0.0, Param(f"w_{i + 1}(0)", per(f"[{of}]", i - n_f), help="filter to start with", slider=(-1.0, 1.0)))
              for i in range(n_f)}
-    state |= {f"z_{i}": (0.0, Param(f"z_{i}(0)", f"[{of}]/s^{i}" if i else f"[{of}]", slider=(-10.0, 10.0),
-                                    help=f"derivative of order {i} to start with" if i else "value to start with if started = 1"))
-              for i in range(n_d + 1)}
-    state["started"] = 0.0, Param(low=0.0, high=1.0, help="0: z_0 is set to the first sample; 1: it starts as given",
-                                  slider=(0.0, 1.0))
-    return block(state=state)(f)
+    return block(state=state | memory(n_d, f"[{of}]"))(f)
