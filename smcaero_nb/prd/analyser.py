@@ -76,8 +76,10 @@ def analyse(t, away, start, n, alpha):
         before = z
     seen["derivatives"] = np.array(seen["derivatives"])
     k = next((k for k in ORDERS if seen["jumps"][k - 1] >= 1.0 - alpha), None)
-    why = ""
-    if k is None:
+    y, why = np.abs(f), ""
+    if y[half] >= (1.0 - alpha)*y[half:].max():
+        why = "the output itself steps within the window: relative degree 0 at this time scale"
+    elif k is None:
         why = f"none of the derivatives 1 to {ORDERS[-1]} makes {1 - alpha:.0%} of its excursion within the window"
     elif not seen["noise"][k - 1] < HEARD:
         why = (f"derivative {k} steps, but its noise before the step was {seen['noise'][k - 1]:.0%} of that already (allowed: "
