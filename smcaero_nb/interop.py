@@ -1,5 +1,6 @@
 """Plants from python-control: a linear system becomes a block that runs at the speed of C."""
 
+import keyword
 import re
 
 import numpy as np
@@ -74,7 +75,7 @@ def _identifiers(names):
     made = []
     for i, name in enumerate(names):
         s = re.sub(r"\W+", "_", str(name), flags=re.ASCII).strip("_") or f"x{i}"
-        s = f"x_{s}" if s[0].isdigit() else s
+        s = f"x_{s}" if s[0].isdigit() or keyword.iskeyword(s) else s
         made.append(s if s not in made else f"{s}_{i}")
     return made
 
@@ -163,9 +164,10 @@ def from_control(sys):
     ys = [_row(c, x) for c in C]
     unpacked = f"    {', '.join(x)}, = x\n"
     names = {"__name__": __name__, "driven": driven}
-    exec(f"def {name}(x, u, d):\n{unpacked}    {', '.join(u)}, = driven(u, d)\n    return ({rates},)\n"
-         f"def output_of_{name}(x):\n{unpacked}    return {ys[0] if p == 1 else '(' + ', '.join(ys) + ')'}\n", names)
-    f, g = names[name], names[f"output_of_{name}"]
+    exec(f"def f(x, u, d):\n{unpacked}    {', '.join(u)}, = driven(u, d)\n    return ({rates},)\n"
+         f"def g(x):\n{unpacked}    return {ys[0] if p == 1 else '(' + ', '.join(ys) + ')'}\n", names)
+    f, g = names["f"], names["g"]
+    f.__name__, g.__name__ = name, f"output_of_{name}"
     f.__doc__ = DOC.format(name=sys.name, n=len(A), m=m, p=p)
     g.__doc__ = f"Output of {sys.name}: y = C x.\n\n    .. math:: y = C x\n    "
     symbols = [re.sub(r"^([a-zA-Z])_?(\d+)$", r"\1_{\2}", s) if re.match(r"^[a-zA-Z]_?\d+$", s) else

@@ -100,6 +100,9 @@ def test_states_keep_their_names_and_can_be_set():
     odd = control.ss(-np.eye(3), np.eye(3), np.eye(3), 0.0, states=["2nd", "a b", "a.b"], name="my plant, 2")
     assert list(interop.from_control(odd).states) == ["x_2nd", "a_b", "a_b_2"]
     assert interop.from_control(odd).name == "my_plant_2"
+    for name in ("lambda", "driven", "f"):
+        named = interop.from_control(control.tf([1.0], [1.0, 1.0], name=name))
+        assert named.name == ("x_lambda" if name == "lambda" else name) and named((1.0,), 3.0, 0.0) == (2.0,)
 
 
 def test_perturbations_act_at_the_input():

@@ -278,6 +278,36 @@ def test_noise_never_makes_it_wrong_and_sure(k, noise):
         assert result.noise_floor == pytest.approx(noise, rel=0.3)
 
 
+def uneven(y, rng):
+    return T + np.r_[0.0, rng.uniform(-0.09, 0.09, len(T) - 2), 0.0]/N, y
+
+
+def outliers(y, rng):
+    return T, y + 0.3*np.isin(np.arange(len(T)), rng.integers(0, len(T), 5))
+
+
+FAULTS = {
+    "hum": lambda y, rng: (T, y + 1e-2*np.sin(3.0*T + rng.uniform(0, 6))),
+    "loud hum": lambda y, rng: (T, y + 0.1*np.sin(20.0*T + rng.uniform(0, 6))),
+    "drift": lambda y, rng: (T, y + 0.05*T),
+    "rounded to 1/100 of the response": lambda y, rng: (T, np.round(y, 2)),
+    "three digits": lambda y, rng: (T, np.array([float(f"{v:.3g}") for v in y])),
+    "the step came 10 samples later": lambda y, rng: (T, np.r_[np.zeros(10), y[:-10]]),
+    "the step came 10 samples before": lambda y, rng: (T, np.r_[y[10:], y[-10:]]),
+    "uneven times": uneven,
+    "outliers": outliers,
+    "random walk": lambda y, rng: (T, y + 1e-3*np.cumsum(rng.standard_normal(len(T)))),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_faults_of_logs_never_make_it_wrong_and_sure(plants, fault):
+    for i, (r, y) in enumerate(plants[::4]):
+        t, y = FAULTS[fault](y/np.abs(y[:501]).max(), np.random.default_rng(i))
+        result = prd.identify((t, y, 0.0, 1.0), window=1.0)
+        assert result.prd in (r, None) or not result.confirmed
+
+
 def test_without_evidence_there_is_no_answer_but_a_reason():
     hiss = np.random.default_rng(0).standard_normal(len(T))
     result = prd.identify((T, hiss, 0.0, 1.0), window=1.0)
