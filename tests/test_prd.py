@@ -504,5 +504,7 @@ def test_bad_settings_of_models_are_named():
         prd.identify(motor, output=speed, window=1.0)  # too stiff for steps of 5 ms
     with pytest.raises(BlockError, match="works with no number of inputs"):
         prd.identify(block(state=dict(a=(0.0, smc.Param())))(lambda x, u, d: (x[5],)))
+    with pytest.raises(ParameterError, match="output and surface are for a plant block or a loop"):
+        prd.identify(lags(1), output=speed)
     with pytest.raises(ParameterError, match="windows = -1 s is not allowed"):
         prd.sweep(lags(1), (-1.0,))

@@ -57,7 +57,7 @@ def analyse(t, away, start, n, alpha):
     window, size = n*(t[1] - t[0]), np.abs(away).max()
     s, f = (np.arange(len(t)) - start)/n, away/size
     half, end = start + n//2, start + n
-    seen, before = {q: [] for q in ("jumps", "bends", "noise", "jump_times", "L", "derivatives")}, f
+    jumps, bends, noise, jump_times, bounds, derivatives, before = [], [], [], [], [], [], f
     for k in ORDERS:
         stride = max(1, n//(2*k))
         part = f[max(0, start - k*stride):]
@@ -65,23 +65,21 @@ def analyse(t, away, start, n, alpha):
         L = MARGIN*peak*(n/stride)**k
         z = differentiate(s, f, L, k)[k] if L > 0.0 else np.zeros_like(f)
         moved = np.abs(z - z[max(0, start - 20):start].mean())
-        top, first, second = moved[half:].max(), abs(before[half] - before[start - 1]), abs(before[end] - before[half])
-        unit, some = size/window**k, top > 0.0
-        for q, v in zip(seen.values(), (
-                moved[half:end + 1].max()/top if some else 0.0, first/second if second > 0.0 else nan,
-                moved[:start].max()/top if some else nan, t[start + np.argmax(moved[start:] >= 0.5*top)] if some else nan,
-                L*unit/window), strict=False):
-            q.append(float(v))
-        seen["derivatives"].append(z*unit)
+        top = moved[half:].max()
+        early, late = abs(before[half] - before[start - 1]), abs(before[end] - before[half])
+        jumps.append(float(moved[half:end + 1].max()/top) if top > 0.0 else 0.0)
+        bends.append(float(early/late) if late > 0.0 else nan)
+        noise.append(float(moved[:start].max()/top) if top > 0.0 else nan)
+        jump_times.append(float(t[start + np.argmax(moved[start:] >= 0.5*top)]) if top > 0.0 else nan)
+        bounds.append(float(L*size/window**(k + 1)))
+        derivatives.append(z*size/window**k)
         before = z
-    seen["derivatives"] = np.array(seen["derivatives"])
-    k = next((k for k in ORDERS if seen["jumps"][k - 1] >= 1.0 - alpha), None)
+    k = next((k for k in ORDERS if jumps[k - 1] >= 1.0 - alpha), None)
     y, why = np.abs(f), ""
     if y[half] >= (1.0 - alpha)*y[half:].max():
         why = "the output itself steps within the window: relative degree 0 at this time scale"
     elif k is None:
         why = f"none of the derivatives 1 to {ORDERS[-1]} makes {1 - alpha:.0%} of its excursion within the window"
-    elif not seen["noise"][k - 1] < HEARD:
-        why = (f"derivative {k} steps, but its noise before the step was {seen['noise'][k - 1]:.0%} of that already (allowed: "
-               f"{HEARD:.0%})")
-    return Analysis(None if why else k, **seen, reason=why)
+    elif not noise[k - 1] < HEARD:
+        why = f"derivative {k} steps, but its noise before the step was {noise[k - 1]:.0%} of that already (allowed: {HEARD:.0%})"
+    return Analysis(None if why else k, jumps, bends, noise, jump_times, bounds, np.array(derivatives), why)

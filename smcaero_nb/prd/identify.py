@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..core import Param, ParameterError
+from ..core import Block, ClosedLoop, Param, ParameterError
 from ..core.param import positive
 from .analyser import Analysis, analyse
 from .models import responses
@@ -183,6 +183,8 @@ def identify(source, *, output=None, surface=None, window=None, alpha=0.1, ampli
         if len(source) != 4:
             raise ParameterError(f"prd.identify: source has {len(source)} parts; it must be (t, y, step_time, amplitude)")
         source = Record(*source)
+    if (output or surface) and not isinstance(source, (Block, ClosedLoop)):
+        raise ParameterError("prd.identify: output and surface are for a plant block or a loop; this source has its own output")
     if isinstance(source, Record):
         return _at(source, window, alpha) if window else _searched(source, alpha)
     if Param(unit="[u]").check("prd.identify", "amplitude", amplitude) == 0.0:

@@ -62,12 +62,12 @@ def _nonlinear(source, h, amplitude, x0):
     def moved(u):
         x, ys = x0, []
         for k in range(REST + MOTION):
-            w = u*(k >= REST)
-            ys.append(np.atleast_1d(source.output(0.0, x, w)))
-            a = source.dynamics(0.0, x, w)
-            b = source.dynamics(0.0, x + h/2*a, w)
-            c = source.dynamics(0.0, x + h/2*b, w)
-            x = x + h/6*(a + 2*b + 2*c + source.dynamics(0.0, x + h*c, w))
+            t, w = k*h, u*(k >= REST)
+            ys.append(np.atleast_1d(source.output(t, x, w)))
+            a = source.dynamics(t, x, w)
+            b = source.dynamics(t + h/2, x + h/2*a, w)
+            c = source.dynamics(t + h/2, x + h/2*b, w)
+            x = x + h/6*(a + 2*b + 2*c + source.dynamics(t + h, x + h*c, w))
         return np.array(ys).T
 
     free = moved(np.zeros(source.ninputs))
