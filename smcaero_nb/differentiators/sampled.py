@@ -161,6 +161,12 @@ def differentiator(n_d, n_f=0, method="levant", of="e"):
     differentiator does better. Larger L than needed costs accuracy in noise, smaller L loses f. A filter, n_f > 0,
     takes away noise that is large but fast, whose iterated integral is small.
 
+    In a loop L has to cover what the control does: with a discontinuous law of relative degree n_d + 1 the bound of the
+    perturbation plus that of v. The derivatives then cost settling time, and the law keeps its accuracy without noise.
+
+    Rounding alone keeps the explicit methods in a limit cycle, of up to 4, 10, 70, 3000 times :math:`L\tau^{n_d+1-i}` for
+    n_d = 2, 3, 4, 5; `implicit` has none.
+
     Euler's steps lose the order: z_1, z_2, ... have errors of the order tau, such as tau z_2/2 in z_1.
 
     Float64 ends the accuracy: z_i improves with smaller tau down to about :math:`10^{-16(n+1-i)/(n+1)}` times the signal only.
