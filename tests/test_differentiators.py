@@ -474,6 +474,19 @@ def test_output_feedback_keeps_the_accuracy(r, method):
     assert slopes(taus, found) == pytest.approx(np.arange(r, 0, -1), abs=0.15)
 
 
+@block
+def noisy(t, x, eps=1e-3):
+    """The error with noise as good as random, |noise| < eps."""
+    q = math.sin(t*78.233e4)*43758.5453
+    return -x[0] + eps*(2.0*(q - math.floor(q)) - 1.0)
+
+
+def test_output_feedback_in_noise():
+    loop, eps = feedback(hosmc.quasi_continuous(3), 3).with_(output=noisy), np.array([1e-2, 1e-3, 1e-4])
+    found = [tail(simulate(loop.with_(output__eps=e), 30.0, 2.5e-4, method="rk4", record=20_000), 8.0) for e in eps.tolist()]
+    assert slopes(eps, found) == pytest.approx([1.0, 2/3, 1/3], abs=0.15)
+
+
 LAWS = [(family, r) for family in ("quasi_continuous", "nested", "adaptive_continuous") for r in (2, 3, 4, 5)]
 
 

@@ -1,7 +1,8 @@
 """Robust exact differentiation: e, e', ..., e^(n_d) of a sampled, noisy signal, in a loop or from a record."""
 
+from .lipschitz import lipschitz
 from .observer import observer
-from .recorded import differentiate, lipschitz
+from .recorded import differentiate
 from .sampled import differentiator
 from .table import LAMBDA
 

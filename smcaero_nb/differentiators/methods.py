@@ -92,18 +92,12 @@ def implicit(n_d, n_f, x):
     for i in reversed(range(n + 1)):
         minus_f = " - f" if i == n_f - 1 else ""
         lines.append(f"n_{i} = {x[i]} + tau*({f'n_{i + 1}{minus_f} ' if i < n else ''}- {lam[n - i]!r}*g_{i})")
-    stirling = np.zeros((n_d + 1, n_d + 1))  # unsigned, of the first kind
-    stirling[0, 0] = 1.0
-    for j in range(1, n_d + 1):
-        stirling[j, 1:] = stirling[j - 1, :-1]
-        stirling[j] += (j - 1)*stirling[j - 1]
+    stirling = [np.atleast_1d(np.poly(-np.arange(j)))[::-1].tolist() for j in range(n_d + 1)]  # unsigned, first kind
     y = []
     for i in range(n_d + 1):
-        text = f"n_{n_f + n_d}"
-        share = [math.factorial(i)/math.factorial(j)*float(stirling[j, i]) for j in range(n_d + 1)]
-        terms = [f"n_{n_f + i}"] + [f"{share[j]!r}*{'*'.join(['tau']*(j - i))}*n_{n_f + j}" for j in range(i + 1, n_d + 1)]
-        text = " + ".join(t for t, s in zip(terms, share[i:], strict=True) if s)
-        y.append(text)
+        share = {j: math.factorial(i)/math.factorial(j)*stirling[j][i] for j in range(i + 1, n_d + 1)}
+        terms = [f"{c!r}*{'*'.join(['tau']*(j - i))}*n_{n_f + j}" for j, c in share.items() if c]
+        y.append(" + ".join([f"n_{n_f + i}", *terms]))
     return lines, y
 
 

@@ -151,7 +151,7 @@ def identify(source, *, output=None, surface=None, window=None, alpha=0.1, ampli
     Notes
     -----
     **The PRD belongs to a time scale**: a lag much shorter than the window is not seen, one much longer is an integrator.
-    Where some time constant is of the size of the window (about 0.3 to 5 of it) the two methods disagree, and the answer is
+    Where some time constant is of the size of the window (0.3 to 3 of it) the two methods often disagree, and the answer is
     the analyser's, unconfirmed. See `sweep`.
 
     High orders can be told by the analyser only from records that are nearly free of noise: for orders 1 to 5, with 200 samples

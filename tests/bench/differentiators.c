@@ -12,7 +12,7 @@ long levant_5(const double *t, const double *f, double *out, long n, double L, d
         if (before > gap) { z0 = f[k]; z1 = z2 = z3 = z4 = z5 = 0; }
         out[k] = z0; out[n + k] = z1; out[2*n + k] = z2; out[3*n + k] = z3; out[4*n + k] = z4; out[5*n + k] = z5;
         double e = z0 - f[k], p = pow(fabs(e)/L, 1.0/6), g5 = e > 0 ? L : e < 0 ? -L : 0;
-        double g4 = g5*p, g3 = g4*p, g2 = g3*p, g1 = g2*p, g0 = g1*p, h2 = h/2, h3 = h/3, h4 = h/4, h5 = h/5;
+        double g4 = g5*p, g3 = g4*p, g2 = g3*p, g1 = g2*p, g0 = g1*p, h2 = h*0.5, h3 = h*(1.0/3), h4 = h*0.25, h5 = h*0.2;
         z0 += h*(z1 + h2*(z2 + h3*(z3 + h4*(z4 + h5*z5))) - 7.0*g0);
         z1 += h*(z2 + h2*(z3 + h3*(z4 + h4*z5)) - 23.72*g1);
         z2 += h*(z3 + h2*(z4 + h3*z5) - 32.24*g2);

@@ -1,4 +1,4 @@
-"""Benchmark of `differentiate`: 1e6 samples of order 5 beside the same update hand-written in C, and its memory.
+"""Benchmark of `differentiate`: 1e6 samples of order 5 beside the same update hand-written in C.
 
 ``python tests/bench/differentiators.py [rounds]`` runs it alone; ``bench.py`` may call `speed`.
 """
@@ -19,7 +19,6 @@ from smcaero_nb.differentiators import differentiate
 SOURCE = pathlib.Path(__file__).with_name("differentiators.c")
 GOAL, LIMIT = 1.10, 1.25  # differentiate / C that does the same work
 TOLERANCE = 1e-9  # largest difference between the two, of the largest estimate
-MEMORY = 20.0  # MB beyond input and output
 N, L = 1_000_000, 2.0
 
 
