@@ -41,6 +41,13 @@ DYNAMICS = [
     Row("US units behind (7)", "c_0 = psi_s R phi_g", 1e-4*1e6*-5e-4, 1e-3),
 ]
 
+#: Launch vehicle, practical relative degree of (7), and the step of its fifth derivative per unit of input, a_2/b_7.
+PRD = Row("paper, PRD ID: algorithm verification", "eq (7)", 5, 0)
+HIGH_FREQUENCY_GAIN = Row("paper (7)", "a_2/b_7", -117.1/0.2, 1e-12)
+
+#: Lander, vector practical relative degree of attitude and altitude.
+LANDER_PRD = Row("paper, RPL SMC design, step 1", "(theta, x)", (2, 2), 0)
+
 PD_GAINS = [Row("paper (67)", "k_p", 1.87, 3e-3), Row("paper (67), with damping 0.8 instead of its 0.7", "k_d", 2.13, 3e-3)]
 
 #: Table 3: case; value (J_e, J_u). None can be had on the paper's own plant with its own perturbation.

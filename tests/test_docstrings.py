@@ -14,7 +14,7 @@ import pytest
 import smcaero_nb as smc
 from smcaero_nb import Block, Metrics, Run
 
-ORDER = ["Parameters", "Attributes", "Returns", "Raises", "Notes", "References", "Examples"]
+ORDER = ["Parameters", "Attributes", "Returns", "Raises", "Warns", "Notes", "References", "Examples"]
 CONTRACT = {"z", "tau"}  # what the state and the step are is the same in every block
 
 
@@ -27,7 +27,8 @@ def modules():
 def public():
     """{name: thing} of what a user meets: the names of the packages and of the modules beside them, each thing once."""
     seen = {}
-    for module in (smc, smc.core, smc.surface, smc.pid, smc.smc1, smc.smc2, smc.lv, smc.ui):
+    for module in (smc, smc.core, smc.surface, smc.interop, smc.pid, smc.smc1, smc.smc2, smc.differentiators, smc.prd, smc.lv,
+                   smc.ui):
         for name in module.__all__:
             thing = getattr(module, name)
             if not isinstance(thing, types.ModuleType) and not any(thing is other for other in seen.values()):

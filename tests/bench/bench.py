@@ -14,6 +14,7 @@ import sys
 import tempfile
 import time
 
+import differentiators
 import hosmc
 import laws
 import numpy as np
@@ -130,7 +131,7 @@ def fixed(rounds):
 
 if __name__ == "__main__":
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 15
-    held = [speed(count), laws.beside_c(count), hosmc.beside_c(count), start(3)]
+    held = [speed(count), laws.beside_c(count), hosmc.beside_c(count), differentiators.speed(count), start(3)]
     fixed(count)
     laws.each_law(max(3, count//3))
     hosmc.of_each(max(3, count//3))

@@ -1,0 +1,114 @@
+r"""Higher-order sliding mode observer: state and perturbation from the sliding variable and the control."""
+
+import functools
+import math
+from typing import Annotated
+
+from ..core import Param, block
+from ..core.signal import first
+from .methods import explicit
+from .sampled import equation, memory
+
+__all__ = ["observer"]
+
+DOC = r"""Higher-order sliding mode observer of sigma^({r}) = xi - v.
+
+    .. math::
+
+        {equation}
+
+    with :math:`s = z_0 - \sigma`, :math:`\lfloor x\rceil^a = |x|^a\,\mathrm{{sign}}(x)` and :math:`\lambda_i` of
+    ``LAMBDA[{r}]``.
+
+    Parameters
+    ----------
+    sigma : float or tuple of float
+        Sliding variable; of a tuple, only the first is used.
+    v : float
+        Output of the law.
+    L : float
+        Bound of :math:`|\dot\xi|` [v]/s.
+    G0 : float
+        Nominal gain of the plant from u to the derivative {r} of sigma, not 0.
+
+    Returns
+    -------
+    float
+        u = v/G0. The estimates are its states: z_0, ..., and xi.
+
+    Notes
+    -----
+    See `observer`.
+
+    References
+    ----------
+    Paper eqs (26), (41). A. Levant, Int. J. Control 76 (2003) 924.
+    """
+
+
+def no_gain(values):
+    """Say that G0 must not be 0."""
+    return None if values["G0"] else "G0 = 0 is not allowed; it must not be 0"
+
+
+def observer(r):
+    r"""Higher-order sliding mode observer: estimates sigma, its derivatives and the perturbation xi while the loop runs.
+
+    .. math:: \sigma^{(r)} = \xi - v, \qquad z_i \to \sigma^{(i)}, \qquad \hat\xi \to \xi
+
+    Parameters
+    ----------
+    r : int
+        Relative degree, 1 to 6.
+
+    Returns
+    -------
+    Block
+        An allocation stage, u = v/G0, with the parameters `L`, `G0` and the states z_0..z_(r-1), xi, started. A run has the
+        estimate of xi in ``run.z.allocation.xi``.
+
+    Raises
+    ------
+    ParameterError
+        A relative degree that does not exist.
+
+    Notes
+    -----
+    It is the differentiator of order r that knows v: its highest derivative is that of sigma with v taken away, the lumped
+    perturbation, for any law, continuous or not. L has to bound the speed of xi only. Without noise xi is found after a finite
+    time, to the order tau; with noise of size eps in sigma, to the order :math:`\varepsilon^{1/(r+1)}`. What an actuator does
+    not do of v counts as perturbation, too.
+
+    A differentiator stage of order r - 1 gives the law the derivatives, so that the loop measures only its output. Where v is
+    itself Lipschitz (``integrated``), a differentiator of order r gives xi, too: ``run.e_hat[r] + run.v``, L then bounding
+    the speed of xi - v.
+
+    References
+    ----------
+    Paper eqs (26), (41). A. Levant, Int. J. Control 76 (2003) 924.
+
+    Examples
+    --------
+    ``ClosedLoop(plant, differentiator=differentiator(2), law=quasi_continuous(3), allocation=observer(3), ...)``
+    """
+    return _made(Param(low=1, high=6).check("observer", "r", r, int))
+
+
+@functools.cache
+def _made(r):
+    """The block, written out for the relative degree."""
+    x = [f"z_{i}" for i in range(r)] + ["xi"]
+    lines, _ = explicit(r, 0, x)
+    names = dict(math=math, first=first, __name__=__name__, V=Param("u"),
+                 B=Annotated[float, Param("L", "[v]/s", low=1e-9, log=True, slider=(1e-2, 1e4), help="bound of the speed of xi")],
+                 G=Annotated[float, Param("G_0", "[v]/[u]", help="nominal gain, not 0", slider=(-10.0, 10.0))])
+    exec("\n    ".join([
+        f"def observer_{r}(sigma, v, z, tau, L: B = 1.0, G0: G = 1.0) -> V:", f"{', '.join(x)}, started = z", "f = first(sigma)",
+        "if started == 0.0:", "    z_0 = f", "xi -= v",  # now it is the derivative of z_(r-1)
+        *lines, f"return v/G0, ({', '.join(f'n_{i}' for i in range(r))}, n_{r} + v, 1.0)"]), names)
+    f = names[f"observer_{r}"]
+    f.__doc__ = DOC.format(r=r, equation=equation([*x[:-1], r"{\hat\xi}"], {r - 1: " - v"}))
+    z = memory(r - 1, "[sigma]")
+    started = z.pop("started")
+    xi = 0.0, Param(r"\hat\xi(0)", "[v]", help="perturbation to start with", slider=(-10.0, 10.0))
+    return block(state={**z, "xi": xi, "started": started}, check=no_gain)(f)

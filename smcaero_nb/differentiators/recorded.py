@@ -1,0 +1,119 @@
+"""Derivatives of recorded data: the blocks of `differentiator`, run over a record in one compiled pass."""
+
+import math
+import warnings
+
+import numpy as np
+
+from ..core import ParameterError
+from ..core.cache import compiled, fingerprint, kept
+from ..core.signal import text
+from .lipschitz import lipschitz
+from .record import EVEN, gap, record, refuse
+from .sampled import differentiator
+
+__all__ = ["differentiate"]
+
+TEXT = '''
+def run(t, f, out, L, gap, even):
+    z = {start}
+    gaps, h = 0, t[1] - t[0]
+    for k in range(len(t)):
+        before = h
+        if k + 1 < len(t):
+            h = t[k + 1] - t[k]
+        if not (0.0 < h < inf and abs(f[k]) < inf{uneven}):
+            return k, gaps
+        if before > gap:
+            z = {start}
+            gaps += 1
+        {out}, z = step(f[k], z, {tau}, L)
+    return len(t), gaps
+'''
+_made = {}
+
+
+def _pass(method, blk, n_d):
+    """The pass for a block, from memory, from disk, or compiled now."""
+    from numba import config, float64, njit
+
+    key = f"differentiate {fingerprint(blk.f)}", config.DISABLE_JIT
+    if key not in _made:
+        late = method == "implicit"
+        names = dict(step=blk.f if config.DISABLE_JIT else compiled(blk.f), inf=math.inf, __name__=__name__)
+        exec(TEXT.format(start=repr(blk.z0), tau="even" if late else "h",
+                         uneven=f" and (abs(h - even) <= {EVEN}*even or h > gap)" if late else "",
+                         out=text((None,)*(n_d + 1) if n_d else None, (f"out[{i}, k]" for i in range(n_d + 1)))), names)
+        f = names["run"]
+        if not config.DISABLE_JIT:
+            f = kept(njit(nogil=True, error_model="numpy", no_cfunc_wrapper=True)(f), key[0])
+            f.compile((float64[::1], float64[::1], float64[:, ::1], float64, float64, float64))
+        _made[key] = f
+    return _made[key]
+
+
+def differentiate(t, f, L, n_d, n_f=0, method="levant"):
+    r"""Derivatives of recorded data, in one pass.
+
+    Parameters
+    ----------
+    t, f : array_like, shape (N,)
+        Times [s], increasing, with even or uneven steps (`implicit`: even ones), and samples [f].
+    L : float or "auto"
+        Bound of :math:`|f^{(n_d+1)}|` [f]/s^(n_d + 1); ``"auto"`` takes what `lipschitz` finds in the record.
+    n_d, n_f, method
+        As in `differentiator`.
+
+    Returns
+    -------
+    ndarray, shape (n_d + 1, N)
+        Column k estimates f, f', ..., f^(n_d) at t_k: `implicit` from the samples up to k, the others from those before k.
+
+    Raises
+    ------
+    ParameterError
+        Shapes that do not fit, times that do not increase, samples that are no numbers, uneven steps with `implicit`, an
+        order, a method or a bound that is not allowed.
+
+    Warns
+    -----
+    UserWarning
+        The record has gaps, steps of more than ten times what nine of ten do not exceed: they are named, and after each the
+        estimates start anew, from the next sample and zeros. And as `differentiator`.
+
+    Notes
+    -----
+    These are the blocks of `differentiator`, run over the arrays; see there for the equation, the accuracy and its limits.
+    The first estimates are f(0), 0, ..., 0 and have to settle. Taylor's terms take each step as long as it is. `implicit`
+    takes steps that differ from their mean by less than a hundredth as even.
+
+    References
+    ----------
+    Paper eqs (41)-(43).
+
+    Examples
+    --------
+    >>> t = np.arange(5001)*1e-3
+    >>> differentiate(t, np.sin(t), 1.0, 1)[:, -1].round(3)  # sin 5 = -0.959, cos 5 = 0.284
+    array([-0.959,  0.283])
+    """
+    t, f = record("differentiate", t, f)
+    blk = differentiator(n_d, n_f, method)
+    blk = blk.with_(L=lipschitz(t, f, n_d) if isinstance(L, str) and L == "auto" else L)
+    longest, even = gap(t), 0.0
+    if method == "implicit":
+        refuse("differentiate", t, f)
+        even = np.diff(t)
+        even = float(even[even <= longest].mean())
+    out = np.empty((n_d + 1, len(t)))
+    k, gaps = _pass(method, blk, n_d)(t, f, out, blk.values["L"], longest, even)
+    if k < len(t):
+        refuse("differentiate", t, f)
+        raise ParameterError(f"differentiate: method = 'implicit' needs even steps, but that from t[{k}] = {t[k]:g} s is "
+                             f"{t[k + 1] - t[k]:g} s, their mean {even:g} s; method = 'levant' takes any")
+    if gaps:
+        at = np.flatnonzero(np.diff(t) > longest)
+        said = ", ".join(f"{t[i + 1] - t[i]:g} s from t = {t[i]:g} s" for i in at[:3]) + (", ..." if gaps > 3 else "")
+        warnings.warn(f"differentiate: {gaps} gap{'s'*(gaps > 1)} in the record, {said}; after a gap the estimates start anew",
+                      UserWarning, stacklevel=2)
+    return out

@@ -1,0 +1,177 @@
+"""Plants from python-control: a linear system becomes a block that runs at the speed of C."""
+
+import keyword
+import re
+
+import numpy as np
+
+from .core import Param, ParameterError, block
+from .core.signal import generated, leaves
+
+__all__ = ["from_control"]
+
+
+def _driven(u, d):
+    paths, many = leaves(u), leaves(d)
+    if d is not None and len(many) != len(paths):
+        raise ValueError(f"the perturbation has {len(many)} components, but the input has {len(paths)}")
+    return "return (" + "".join(f"u{q} + d{'' if d is None else many[i]}, " for i, q in enumerate(paths)) + ")"
+
+
+#: The inputs of a plant, each with its perturbation; a single number perturbs them all.
+driven = generated("u, d", _driven)
+
+
+def matrices(sys):
+    """A, B, C, D and the names of the states of a continuous proper system; see `from_control`."""
+    import control  # it takes a second to import, so only here
+
+    if not isinstance(sys, (control.TransferFunction, control.StateSpace)):
+        raise ParameterError(f"interop.from_control: sys = {type(sys).__name__} is not allowed; it must be a control."
+                             "TransferFunction or control.StateSpace")
+    if not control.isctime(sys):
+        step = "of unspecified length" if sys.dt is True else f"of {sys.dt:g} s"
+        raise ParameterError(f"interop.from_control: sys is discrete-time, with steps {step}; a plant is continuous (dt = 0): "
+                             "the engine integrates dx/dt")
+    if isinstance(sys, control.StateSpace):
+        a, names = (sys.A, sys.B, sys.C, sys.D), sys.state_labels
+    else:
+        a = _realised(sys.num, sys.den)
+        names = [f"x{i}" for i in range(len(a[0]))]
+    if not all(np.isfinite(q).all() for q in a):
+        raise ParameterError("interop.from_control: sys has a coefficient that is not a finite number")
+    return *(np.asarray(q, float) for q in a), names
+
+
+def _realised(num, den):
+    """Controllable companion forms, one for each input and denominator: sparse, and minimal for one input and output."""
+    chains = {}  # (input, denominator): {output: numerator}
+    D = np.zeros((len(num), len(num[0])))
+    for i, row in enumerate(num):
+        for j, q in enumerate(row):
+            b, a = (np.trim_zeros(np.atleast_1d(p), "f") for p in (q, den[i][j]))
+            if len(b) > len(a):
+                raise ParameterError(f"interop.from_control: sys is improper from input {j + 1} to output {i + 1}: degree "
+                                     f"{len(b) - 1} over {len(a) - 1}; the numerator's may be at most the denominator's")
+            b, a = np.concatenate([np.zeros(len(a) - len(b)), b])/a[0], a/a[0]
+            D[i, j] = b[0]
+            if len(a) > 1 and b.any():
+                chains.setdefault((j, tuple(a[1:])), {})[i] = b[1:] - b[0]*a[1:]
+    n = sum(len(a) for _, a in chains)
+    A, B, C, at = np.zeros((n, n)), np.zeros((n, D.shape[1])), np.zeros((len(D), n)), 0
+    for (j, a), rows in chains.items():
+        m = len(a)
+        A[at:at + m - 1, at + 1:at + m] += np.eye(m - 1)
+        A[at + m - 1, at:at + m] = -np.array(a[::-1])
+        B[at + m - 1, j] = 1.0
+        for i, b in rows.items():
+            C[i, at:at + m] = b[::-1]
+        at += m
+    return A, B, C, D
+
+
+def _identifiers(names):
+    """Names that can be arguments in Python, each once."""
+    made = []
+    for i, name in enumerate(names):
+        s = re.sub(r"\W+", "_", str(name), flags=re.ASCII).strip("_") or f"x{i}"
+        s = f"x_{s}" if s[0].isdigit() or keyword.iskeyword(s) else s
+        made.append(s if s not in made else f"{s}_{i}")
+    return made
+
+
+def _row(coefficients, names):
+    """Text of a sum of products, without those that are zero."""
+    terms = [n if c == 1.0 else f"{float(c)!r}*{n}" for c, n in zip(coefficients, names, strict=True) if c != 0.0]
+    return " + ".join(terms) or "0.0"
+
+
+DOC = r"""Linear plant {name}: {n} states, {m} input(s), {p} output(s).
+
+    .. math:: \dot x = A x + B (u + d)
+
+    Parameters
+    ----------
+    x : tuple of {n} float
+        State.
+    u, d : float or tuple of {m} float
+        Inputs and their perturbation; a perturbation that is one number acts on every input.
+
+    Returns
+    -------
+    tuple of {n} float
+        Derivative of the state.
+
+    Notes
+    -----
+    Made by `interop.from_control`. Not in the paper.
+    """
+
+
+def from_control(sys):
+    r"""Plant block of a linear system of python-control.
+
+    .. math:: \dot x = A x + B (u + d), \qquad y = C x
+
+    Parameters
+    ----------
+    sys : control.TransferFunction or control.StateSpace
+        Continuous (dt = 0) and strictly proper, with any number of inputs and outputs.
+
+    Returns
+    -------
+    Block
+        A plant, with the states of `sys` by name (``x0``, ``x1``, ... of a transfer function), all 0 at the start unless
+        set. Its attribute `y` is the block of the output stage: ``ClosedLoop(plant, output=plant.y, ...)``. With one
+        input, u is a float, with more a tuple of them; so is y.
+
+    Raises
+    ------
+    ParameterError
+        A system that is improper, discrete-time, without states or of another kind; or with a direct feedthrough.
+
+    Notes
+    -----
+    The sums are written out without the zeros of A, B, C, and compile into the loop like any other block. A transfer
+    function is realised in controllable companion form, one for each input and denominator: minimal for one input and
+    output, not always for more. The coefficients are constants: another system is another block, and compiles anew.
+
+    A direct feedthrough (D other than 0: relative degree 0) is refused: an output would need the control that is
+    computed from it. Put the lag of the actuator or of the sensor in series.
+
+    Not in the paper.
+
+    Examples
+    --------
+    >>> import control
+    >>> plant = from_control(control.tf([1.0], [1.0, 2.0, 5.0], name="mass"))
+    >>> plant
+    mass(x0=0, x1=0)
+    >>> plant((0.5, 0.0), 1.0, 0.0)
+    (0.0, -1.5)
+    """
+    A, B, C, D, labels = matrices(sys)
+    if D.any():
+        i, j = np.argwhere(D)[0]
+        raise ParameterError(f"interop.from_control: sys has a direct feedthrough, D = {D[i, j]:g} from input {j + 1} to output "
+                             f"{i + 1}; it must be 0 (strictly proper): put the lag of the actuator or sensor in series")
+    if not len(A):
+        raise ParameterError("interop.from_control: sys has no states; a plant needs at least one")
+    m, p, states = B.shape[1], len(C), _identifiers(labels)
+    x, u = [f"x{i}" for i in range(len(A))], [f"u{j}" for j in range(m)]
+    name = _identifiers([sys.name])[0]
+    rates = ", ".join(_row([*a, *b], x + u) for a, b in zip(A, B, strict=True))
+    ys = [_row(c, x) for c in C]
+    unpacked = f"    {', '.join(x)}, = x\n"
+    names = {"__name__": __name__, "driven": driven}
+    exec(f"def f(x, u, d):\n{unpacked}    {', '.join(u)}, = driven(u, d)\n    return ({rates},)\n"
+         f"def g(x):\n{unpacked}    return {ys[0] if p == 1 else '(' + ', '.join(ys) + ')'}\n", names)
+    f, g = names["f"], names["g"]
+    f.__name__, g.__name__ = name, f"output_of_{name}"
+    f.__doc__ = DOC.format(name=sys.name, n=len(A), m=m, p=p)
+    g.__doc__ = f"Output of {sys.name}: y = C x.\n\n    .. math:: y = C x\n    "
+    symbols = [re.sub(r"^([a-zA-Z])_?(\d+)$", r"\1_{\2}", s) if re.match(r"^[a-zA-Z]_?\d+$", s) else
+               r"\mathrm{" + s.replace("_", r"\_") + "}" for s in states]
+    plant = block(state={s: (0.0, Param(q)) for s, q in zip(states, symbols, strict=True)})(f)
+    plant.y = block(g)
+    return plant

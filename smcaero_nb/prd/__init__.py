@@ -1,0 +1,9 @@
+"""Practical relative degree: which derivative of the output steps with the input, seen at a time scale."""
+
+from .analyser import Analysis
+from .identify import identify, sweep
+from .power_law import PowerLaw
+from .records import Record, read_csv
+from .results import PRDResult, PRDSweep, VectorPRD
+
+__all__ = ["Analysis", "PRDResult", "PRDSweep", "PowerLaw", "Record", "VectorPRD", "identify", "read_csv", "sweep"]

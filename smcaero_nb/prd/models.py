@@ -1,0 +1,115 @@
+"""Step responses of models: plant blocks, loops, systems of python-control."""
+
+import sys
+
+import numpy as np
+
+from ..core import Block, BlockError, ClosedLoop, ParameterError, block, simulate
+from ..core.metrics import heads
+from ..interop import matrices
+from .records import Record
+
+__all__ = ["responses"]
+
+SAMPLES = 200  # in one window
+REST, MOTION = 250, 260  # before and after the step
+INPUTS = 8  # most inputs that a plant block is tried with
+
+
+def responses(source, output, surface, window, amplitude, x0):
+    """[output][input] of the records of a model, each input stepped by itself; the unforced motion is taken off."""
+    h = window/SAMPLES
+    control = sys.modules.get("control")  # who has a system of python-control has imported it
+    if isinstance(source, (Block, ClosedLoop)):
+        name, runs = _block(source, output, surface, h, amplitude)
+    elif control and isinstance(source, (control.TransferFunction, control.StateSpace)):
+        name, runs = source.name, _linear(source, h, amplitude)
+    elif control and isinstance(source, control.NonlinearIOSystem):
+        name, runs = source.name, _nonlinear(source, h, amplitude, x0)
+    else:
+        raise ParameterError(f"prd.identify: source = {type(source).__name__} is not allowed; it must be a plant block, a "
+                             "ClosedLoop, a control system, a Record or (t, y, step_time, amplitude)")
+    t = (np.arange(REST + MOTION) - REST)*h
+    many = len(runs[0]) > 1 or len(runs) > 1
+    return [[Record(t, y, 0.0, amplitude, name=f"{name}, input {j + 1} to output {i + 1}" if many else name)
+             for j, y in enumerate(row)] for i, row in enumerate(np.swapaxes(runs, 0, 1))]
+
+
+# ---- each gives [input][output] of arrays of REST + MOTION samples ---------------------------------------------------
+def _linear(source, h, amplitude):
+    """Exact at the samples."""
+    from scipy.linalg import expm  # slow to import, so only here
+
+    A, B, C, D, _ = matrices(source)
+    n, m = B.shape
+    E = expm(np.block([[A, B], [np.zeros((m, n + m))]])*h)
+    ys = np.zeros((m, len(C), REST + MOTION))
+    x = np.zeros((n, m))
+    for k in range(MOTION):  # all inputs at once, one a column
+        ys[:, :, REST + k] = (C @ x + D).T*amplitude
+        x = E[:n, :n] @ x + E[:n, n:]
+    return ys
+
+
+def _nonlinear(source, h, amplitude, x0):
+    """Runge and Kutta's fourth order, from `x0`."""
+    if not source.nstates or not source.isctime():
+        raise ParameterError(f"prd.identify: source '{source.name}' has no states or is discrete-time; it must be continuous")
+    x0 = np.zeros(source.nstates) if x0 is None else np.asarray(x0, float)
+    if x0.shape != (source.nstates,):
+        raise ParameterError(f"prd.identify: x0 has the shape {x0.shape}; source '{source.name}' has {source.nstates} states")
+
+    def moved(u):
+        x, ys = x0, []
+        for k in range(REST + MOTION):
+            t, w = k*h, u*(k >= REST)
+            ys.append(np.atleast_1d(source.output(t, x, w)))
+            a = source.dynamics(t, x, w)
+            b = source.dynamics(t + h/2, x + h/2*a, w)
+            c = source.dynamics(t + h/2, x + h/2*b, w)
+            x = x + h/6*(a + 2*b + 2*c + source.dynamics(t + h, x + h*c, w))
+        return np.array(ys).T
+
+    free = moved(np.zeros(source.ninputs))
+    return [moved(amplitude*e) - free for e in np.eye(source.ninputs)]
+
+
+def _shapes(plant):
+    """Zero input and zero perturbation of the shapes that a plant block takes: the fewest inputs with which it works."""
+    for m in range(1, INPUTS + 1):
+        for d in (0.0, (0.0,)*m):
+            given = {"t": 0.0, "x": plant.z0, "u": (0.0,)*m if m > 1 else 0.0, "d": d}
+            try:
+                plant.f(*(given[n] for n in plant.signals), *plant.p)
+                return given["u"], d
+            except (TypeError, IndexError, ValueError, ArithmeticError) as reason:
+                why = reason
+    raise BlockError(f"prd.identify: '{plant.name}' works with no number of inputs from 1 to {INPUTS} at its initial state; with "
+                     f"{INPUTS}: {type(why).__name__}: {why}")
+
+
+def _block(source, output, surface, h, amplitude):
+    """The block in its loop, the law replaced by the step; Runge and Kutta's fourth order."""
+    if isinstance(source, ClosedLoop):
+        stages, plant = source.stages, source.stages["plant"]
+        output, surface = output or stages["output"], surface or stages["surface"]
+    else:
+        plant, output = source, output or getattr(source, "y", None)
+    u, d = _shapes(plant)
+    m = len(u) if isinstance(u, tuple) else 1
+
+    def moved(stepped, height):
+        def step(t):
+            now = tuple(height if j == stepped and t >= (REST - 0.5)*h else 0.0 for j in range(m))
+            return now if m > 1 else now[0]
+
+        loop = ClosedLoop(plant, output=output, surface=surface, law=block(step), perturbation=block(lambda t: d))
+        run = simulate(loop, (REST + MOTION)*h, h, method="rk4", record=REST + MOTION, jit=False)  # few steps: no compiler
+        if run.diverged_at is not None:
+            raise ParameterError(f"prd.identify: {plant.name} diverges {run.diverged_at - REST*h:.3g} s after the step; take a "
+                                 "shorter window or a smaller amplitude")
+        s = run.sigma if surface else run.y
+        return np.array(heads(s, m > 1 and isinstance(s, tuple)))[:, :REST + MOTION]
+
+    free = moved(0, 0.0)
+    return plant.name, [moved(j, amplitude) - free for j in range(m)]

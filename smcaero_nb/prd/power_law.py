@@ -1,0 +1,66 @@
+"""Relative degree from the power law of the first motion: y grows as t^r."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+__all__ = ["PowerLaw", "power_law"]
+
+QUIET = 20.0  # the fit starts where the response exceeds the noise this many times
+HIGHEST = 5
+NEAR = 0.35  # distance from a whole number up to which the slope names one
+
+
+@dataclass(frozen=True)
+class PowerLaw:
+    r"""What the power law of the first motion says; made by `identify`.
+
+    Attributes
+    ----------
+    prd : int or None
+        The whole number next to the slope, where it is one from 1 to 5 and near.
+    slope : float
+        Slope of log \|y - y_0\| over log(t - step_time); NaN where there was nothing to fit.
+    octave : tuple of 2 float
+        Times after the step between which it was fitted [s].
+    noise : float
+        Noise of the record, as one standard deviation [y].
+    reason : str
+        Why there is no answer; empty where there is one.
+    """
+
+    prd: int | None
+    slope: float
+    octave: tuple
+    noise: float
+    reason: str = ""
+
+
+def power_law(t, y, noise, span):
+    r"""Fit the power law over one octave: from a quarter of the span, or later where the noise hides the response.
+
+    .. math:: y - y_0 \approx \frac{J (t - \tau)^r}{r!}
+
+    `t` counts from the step, `y` from the equilibrium.
+    """
+    hidden = np.flatnonzero(np.abs(y) <= QUIET*noise)
+    start = max(t[min(hidden[-1] + 1, len(t) - 1)] if len(hidden) else 0.0, span/4)
+    end = min(2*start, span)
+    octave = float(start), float(end)
+    m = (t >= start) & (t <= end)
+    if end < 1.5*start or m.sum() < 8:
+        return PowerLaw(None, math.nan, octave, noise, f"the response stands out of the noise ({QUIET:g} times its {noise:.2g}) "
+                        "too late in the window, or not at all")
+    if np.ptp(np.sign(y[m])) > 0:
+        return PowerLaw(None, math.nan, octave, noise, "the response changes its sign, which no power law does")
+    slope = float(np.polyfit(np.log(t[m]), np.log(np.abs(y[m])), 1)[0])
+    r = round(slope)
+    if r < 1:
+        why = f"the slope {slope:.2f} is that of no relative degree from 1 to {HIGHEST}" + (
+            ": the output jumps with the input (relative degree 0), or has settled" if slope < 0.5 else "")
+    elif r > HIGHEST:
+        why = f"the slope {slope:.2f} is above {HIGHEST}, the highest order looked for"
+    else:
+        why = f"the slope {slope:.2f} is not near a whole number" if abs(slope - r) > NEAR else ""
+    return PowerLaw(None if why else r, slope, octave, noise, why)

@@ -1,0 +1,219 @@
+"""Records of a step response: what is measured, checked before it is used; records from CSV files."""
+
+import csv
+import math
+import pathlib
+import re
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..core import Param, ParameterError
+
+__all__ = ["Record", "read_csv"]
+
+BEFORE = 20  # samples before the step, at least
+AFTER = 50  # samples after it
+JITTER = 0.1  # of a sampling step, by which a time may miss the even grid
+DELIMITERS = {",": "comma", ";": "semicolon", "\t": "tab", None: "blank"}
+SECONDS = {"": 1.0, "s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "min": 60.0, "h": 3600.0}
+
+
+def refuse(name, said):
+    """Raise the error for a part of a record."""
+    raise ParameterError(f"prd.Record: {name} {said}")
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """The measured response of one output to a step of one input.
+
+    Parameters
+    ----------
+    t : array_like
+        Times [s], evenly spaced to a tenth of a sampling step.
+    y : array_like
+        The output [y], at rest before the step.
+    step_time : float
+        Time at which the input steps [s].
+    amplitude : float
+        Height of that step [u], not 0.
+    until : float
+        End of what may be used [s]: where the input changes again; at most the end of the record.
+    name : str
+        For titles.
+    about : str
+        Where it comes from, in words.
+
+    Raises
+    ------
+    ParameterError
+        Arrays of other shapes, a number that is not finite, times that do not increase or are uneven, a step outside the
+        record, or with fewer than 20 samples before it or 50 after it.
+
+    Notes
+    -----
+    `h` is the sampling step [s], `start` the index of the first sample at or after the step. Not in the paper.
+    """
+
+    t: np.ndarray
+    y: np.ndarray
+    step_time: float
+    amplitude: float = 1.0
+    until: float = math.inf
+    name: str = "record"
+    about: str = ""
+
+    def __post_init__(self):
+        for n, unit in (("t", "s"), ("y", "[y]")):
+            try:
+                q = np.array(getattr(self, n), float)
+            except (TypeError, ValueError):
+                refuse(n, "must be a sequence of numbers")
+            if q.ndim != 1:
+                refuse(n, f"has the shape {q.shape}; it must be one-dimensional")
+            if not np.isfinite(q).all():
+                k = np.flatnonzero(~np.isfinite(q))[0]
+                refuse(f"{n}[{k}]", f"= {q[k]:g} {unit} is not allowed; it must be a finite number")
+            object.__setattr__(self, n, q)
+        t, n = self.t, len(self.t)
+        if n != len(self.y):
+            refuse("y", f"has {len(self.y)} values, but t has {n}; they must be as many")
+        if n < BEFORE + AFTER:
+            refuse("t", f"has {n} values; there must be at least {BEFORE} before the step and {AFTER} after it")
+        if (np.diff(t) <= 0.0).any():
+            k = np.flatnonzero(np.diff(t) <= 0.0)[0] + 1
+            refuse(f"t[{k}]", f"= {t[k]:.10g} s is not allowed after {t[k - 1]:.10g} s; times must increase")
+        off = np.abs(t - np.linspace(t[0], t[-1], n))
+        if off.max() > JITTER*self.h:
+            k = np.argmax(np.abs(np.diff(t) - np.median(np.diff(t)))) + 1
+            refuse(f"t[{k}]", f"= {t[k]:.10g} s comes {t[k] - t[k - 1]:.4g} s after the sample before, the median step being "
+                   f"{np.median(np.diff(t)):.4g} s; times must be evenly spaced (resample the record)")
+        for name, unit in (("step_time", "s"), ("amplitude", "[u]")):
+            object.__setattr__(self, name, Param(unit=unit).check("prd.Record", name, getattr(self, name)))
+        if self.amplitude == 0.0:
+            refuse("amplitude", "= 0 [u] is not allowed; without a step there is no response")
+        if not t[0] < self.step_time < t[-1]:
+            refuse("step_time", f"= {self.step_time:g} s is not allowed; it must be inside the record, {t[0]:g} to {t[-1]:g} s")
+        object.__setattr__(self, "until", min(float(self.until), t[-1]))
+        before, after = self.start, int((t[self.start:] <= self.until).sum())
+        if before < BEFORE:
+            refuse("step_time", f"= {self.step_time:g} s leaves {before} samples before the step; at least {BEFORE} are needed, "
+                   "at rest, to know the equilibrium and the noise")
+        if after < AFTER:
+            refuse("until", f"= {self.until:g} s leaves {after} samples after the step; at least {AFTER} are needed")
+
+    h = property(lambda self: (self.t[-1] - self.t[0])/(len(self.t) - 1))
+    start = property(lambda self: int(np.searchsorted(self.t, self.step_time - 1e-6*self.h)))
+
+    def __str__(self):
+        return self.about or (f"{self.name}: {len(self.t)} samples, every {self.h:.6g} s, from {self.t[0]:g} to "
+                              f"{self.t[-1]:g} s; step of {self.amplitude:g} at {self.step_time:g} s")
+
+
+# ---- CSV -------------------------------------------------------------------------------------------------------------
+def _column(field):
+    """Name and unit of a column: 'time [ms]', 'theta (rad)', 'u'."""
+    name, unit = re.match(r"([^\[(]*)(?:[\[(]([^\])]*))?", field).groups()
+    return name.strip(), (unit or "").strip()
+
+
+def _number(field, sep):
+    """A field as a number, NaN where it is none; a comma is the decimal point where it separates nothing."""
+    try:
+        return float(field if sep == "," else field.replace(",", "."))
+    except ValueError:
+        return math.nan
+
+
+def read_csv(path, t=None, y=None, u=None, *, step_time=None, amplitude=None):
+    """Read the record of a step response from a text file.
+
+    Parameters
+    ----------
+    path : str or path
+        Lines of numbers with commas, semicolons, tabs or blanks between them, under a line of names; lines that begin with
+        ``#`` or ``%`` are passed over. A unit stands in brackets behind the name: ``time [ms]``, ``theta (rad)``.
+    t, y, u : str, optional
+        Names of the columns of time, output and input. Default: the first, the second, and the third where there are three.
+    step_time, amplitude : float, optional
+        When the input steps [s], and how high [u]; where not given, found in the column `u`.
+
+    Returns
+    -------
+    Record
+        Its text (``print(record)``) says which delimiter, columns and units were found. Times in ms, us, min or h are
+        converted to s; a second change of the input ends what may be used (`Record.until`).
+
+    Raises
+    ------
+    ParameterError
+        A file that cannot be read; a field that is not a finite number, or a line with a field too few or too many, by line
+        and column; a column that is not there; no step in the input; what `Record` refuses.
+
+    Notes
+    -----
+    With semicolons, tabs or blanks a comma in a number is its decimal point. Not in the paper.
+    """
+    file = pathlib.Path(path)
+
+    def refuse(said, line=0):
+        raise ParameterError(f"prd.read_csv: {file.name}" + f", line {line}"*(line > 0) + f": {said}") from None
+
+    try:
+        text = file.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as why:
+        refuse(f"cannot be read: {why}")
+    lines = [(i, q) for i, q in enumerate(text.splitlines(), 1) if q.strip() and q.strip()[0] not in "#%"]
+    if len(lines) < 2:
+        refuse("a line of names and lines of numbers are needed")
+    top, head = lines[0]
+    sep = max(";\t,", key=head.count)
+    sep = sep if sep in head else None  # blanks
+    rows = [(i, q.split() if sep is None else [f.strip() for f in next(csv.reader([q], delimiter=sep))]) for i, q in lines]
+    columns = [_column(q) for q in rows[0][1]]
+    names = [n for n, _ in columns]
+    if any(math.isfinite(_number(q, sep)) for q in names):
+        refuse(f"the first line must hold the names of the columns, not numbers ({', '.join(names[:4])})", top)
+    if len(columns) < 2:
+        refuse(f"only one column ('{names[0]}') was found; time and output are needed", top)
+    if len(columns) > 3 and (t is None or y is None):
+        refuse(f"there are {len(columns)} columns ({', '.join(names)}): say which are t and y, and u where there is an input")
+    chosen = {"t": t or names[0], "y": y or names[1], "u": u or (names[2] if len(columns) == 3 and not y else None)}
+    at = {}
+    for what, n in chosen.items():
+        if n is not None and n not in names:
+            refuse(f"{what} = {n!r} is not there; the columns are {', '.join(names)}", top)
+        if n is not None:
+            at[what] = names.index(n)
+    data = {what: np.empty(len(rows) - 1) for what in at}
+    for k, (i, fields) in enumerate(rows[1:]):
+        if len(fields) != len(columns):
+            refuse(f"{len(fields)} columns, but the names are {len(columns)}; the delimiter is {DELIMITERS[sep]}", i)
+        for what, j in at.items():
+            data[what][k] = _number(fields[j], sep)
+            where = f"column {j + 1} ('{names[j]}'): "
+            if not math.isfinite(data[what][k]):
+                refuse(f"{where}{fields[j]!r} is not a finite number", i)
+            if what == "t" and k and data["t"][k] <= data["t"][k - 1]:
+                refuse(f"{where}{fields[j]} after {rows[k][1][j]}; times must increase", i)
+    unit = columns[at["t"]][1]
+    if unit not in SECONDS:
+        refuse(f"the unit of time [{unit}] is not known; it must be one of {', '.join(filter(None, SECONDS))}", top)
+    seconds, until = data["t"]*SECONDS[unit], math.inf
+    if "u" in at:
+        changes = np.flatnonzero(np.diff(data["u"])) + 1
+        changes = changes[seconds[changes] >= (-math.inf if step_time is None else step_time - 1e-9)]
+        if len(changes):
+            step_time = seconds[changes[0]] if step_time is None else step_time
+            amplitude = data["u"][changes[0]] - data["u"][changes[0] - 1] if amplitude is None else amplitude
+            until = seconds[changes[1]] if len(changes) > 1 else until
+        elif step_time is None or amplitude is None:
+            refuse(f"the input '{names[at['u']]}' never changes: there is no step")
+    elif step_time is None:
+        refuse("there is no column of the input: give step_time [s]")
+    amplitude = 1.0 if amplitude is None else amplitude
+    said = ", ".join(f"{what} = '{names[j]}' [{columns[j][1] or ('s' if what == 't' else '?')}]" for what, j in at.items())
+    about = (f"{file.name}: {len(rows) - 1} rows, {len(columns)} columns, delimiter {DELIMITERS[sep]}; {said}; step of "
+             f"{amplitude:g} at {step_time:g} s")
+    return Record(seconds, data["y"], step_time, amplitude, until, file.stem, about)
