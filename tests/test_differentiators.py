@@ -239,7 +239,7 @@ def none(e):
     return 0.0
 
 
-@pytest.mark.parametrize(("method", "n_d", "n_f"), [*((m, 3, 2) for m in METHODS), ("levant", 0, 1), ("implicit", 2, 0)])
+@pytest.mark.parametrize(("method", "n_d", "n_f"), [*((m, 3, 2) for m in METHODS[:3]), ("levant", 0, 1)])
 def test_block_loop_and_record_are_the_same(method, n_d, n_f):
     blk = differentiator(n_d, n_f, method).with_(L=2.0)
     loop = ClosedLoop(nothing, reference=ramp, output=zero, differentiator=blk, surface=none)
@@ -506,9 +506,9 @@ def test_launch_vehicle_with_the_pitch_alone(preset, n_d, J_e):
 
 
 # ---- observer ----------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize(("r", "law"), [(1, hosmc.quasi_continuous(1)), (3, hosmc.quasi_continuous(3))])
-def test_observer_finds_the_perturbation(r, law):
-    """A relay, an estimate in place of the state, and xi to the order tau."""
+def test_observer_finds_the_perturbation():
+    """A discontinuous law, estimates in place of the state, and xi to the order tau."""
+    r, law = 3, hosmc.quasi_continuous(3)
     taus, found = np.array([2e-3, 1e-3, 5e-4]), []
     for tau in taus:
         run = simulate(feedback(law, r, "implicit", allocation=observer(r).with_(L=1.0)), 20.0, tau, method="rk4")
