@@ -6,8 +6,8 @@ from typing import Annotated
 
 from .. import hosmc
 from ..core import ClosedLoop, Param, ParameterError, block
-from ..smc1 import quasi_smc, sign_smc
-from ..smc2 import adaptive_super_twisting, gains, super_twisting, twisting
+from ..smc1 import adaptive_smc, dual_layer_smc, quasi_smc, sign_smc
+from ..smc2 import adaptive_super_twisting, adaptive_twisting, gains, super_twisting, twisting
 from ..surface import itae
 from .chain import fitted
 
@@ -250,26 +250,37 @@ _twisting = twisting.with_(**gains(2e4).twisting, v_M=3000.0)
 _adaptive_super_twisting = adaptive_super_twisting.with_(gamma=1e4, mu=0.01, lam_min=10.0, eps=30.0, eta=1e3, lam=100.0)
 _adaptive = hosmc.adaptive_continuous(2).with_(gamma_1=625.0, gamma_2=50.0, alpha_r=0.85, l_0=500.0, eps=300.0, r_0=2e5,
                                                gamma=0.0, delta_0=200.0, tau_f=2e-3, L=5e3)
-_quasi_continuous, _nested = hosmc.quasi_continuous(2), hosmc.nested(2)
+_adaptive_smc = adaptive_smc.with_(gamma=2e4, delta=0.6, rho=100.0)
+_dual_layer = dual_layer_smc.with_(eta=50.0, eps=300.0, delta_0=90.0, r_0=5e4, gamma=0.0, tau_f=2e-3, k=500.0)
+_adaptive_twisting = adaptive_twisting.with_(gamma=1e6, mu=0.1, c=1e-6, v_M=3000.0, alpha_min=1e3, eta=1e5, alpha_1=2e4)
+_quasi_continuous, _levant, _nested = hosmc.quasi_continuous(2), hosmc.quasi_continuous(2, "levant2005"), hosmc.nested(2)
 #: {output: {law: stages}}; v is an angular acceleration, and 10 V are 3075 rad/s^2.
 DC_MOTOR = {
     "angle": {
         "sign_smc": dict(surface=_surface(), law=sign_smc.with_(rho=2000.0)),
         "quasi_smc": dict(surface=_surface(), law=quasi_smc.with_(rho=2000.0, eps=0.5)),
+        "adaptive_smc": dict(surface=_surface(), law=_adaptive_smc),
+        "dual_layer_smc": dict(surface=_surface(), law=_dual_layer),
         "super_twisting": dict(surface=_surface(), law=_super_twisting),
         "twisting": dict(surface=_surface(derivative="difference"), law=_twisting),
         "adaptive_super_twisting": dict(surface=_surface(), law=_adaptive_super_twisting),
+        "adaptive_twisting": dict(surface=_surface(derivative="difference"), law=_adaptive_twisting),
         "quasi_continuous": dict(law=_quasi_continuous.with_(L=800.0)),
+        "levant2005": dict(law=_levant.with_(L=800.0)),
         "nested": dict(law=_nested.with_(L=750.0)),
         "adaptive_continuous": dict(law=_adaptive),
     },
     "speed": {
         "sign_smc": dict(law=sign_smc.with_(rho=2200.0)),
         "quasi_smc": dict(law=quasi_smc.with_(rho=2200.0, eps=0.5)),
+        "adaptive_smc": dict(law=_adaptive_smc),
+        "dual_layer_smc": dict(law=_dual_layer),
         "super_twisting": dict(law=super_twisting.with_(lam=210.0, beta=2.2e4)),
         "twisting": dict(surface=_none(derivative="difference"), law=_twisting),
         "adaptive_super_twisting": dict(law=_adaptive_super_twisting),
+        "adaptive_twisting": dict(surface=_none(derivative="difference"), law=_adaptive_twisting),
         "quasi_continuous": dict(surface=with_integral, law=_quasi_continuous.with_(alpha=2.0, L=1500.0)),
+        "levant2005": dict(surface=with_integral, law=_levant.with_(alpha=1.7, L=1700.0)),
         "nested": dict(surface=with_integral, law=_nested.with_(alpha=1.5, L=1700.0)),
         "adaptive_continuous": dict(surface=with_integral, law=_adaptive),
     },
@@ -286,8 +297,9 @@ def dc_motor(law="super_twisting", output="angle"):
     Parameters
     ----------
     law : str or Block
-        ``"sign_smc"``, ``"quasi_smc"``, ``"super_twisting"``, ``"twisting"``, ``"adaptive_super_twisting"``,
-        ``"quasi_continuous"``, ``"nested"`` or ``"adaptive_continuous"``; or a law of relative degree 1 or 2 of your own.
+        ``"sign_smc"``, ``"quasi_smc"``, ``"adaptive_smc"``, ``"dual_layer_smc"``, ``"super_twisting"``, ``"twisting"``,
+        ``"adaptive_super_twisting"``, ``"adaptive_twisting"``, ``"quasi_continuous"``, ``"levant2005"``, ``"nested"`` or
+        ``"adaptive_continuous"``; or a law of relative degree 1 or 2 of your own.
     output : str
         ``"angle"``: a step of 1 rad; ``"speed"``: a step to 80 rad/s.
 

@@ -6,8 +6,8 @@ from typing import Annotated
 
 from .. import hosmc
 from ..core import ClosedLoop, Param, block
-from ..smc1 import quasi_smc, sign_smc
-from ..smc2 import adaptive_super_twisting, gains, super_twisting, twisting
+from ..smc1 import adaptive_smc, dual_layer_smc, quasi_smc, sign_smc
+from ..smc2 import adaptive_super_twisting, adaptive_twisting, gains, super_twisting, twisting
 from ..surface import itae
 from .chain import fitted
 
@@ -100,10 +100,14 @@ _surface = partial(itae, 2, 4.0, integral=False)  # e' + 2.5 e
 DOUBLE_INTEGRATOR = {
     "sign_smc": dict(surface=_surface(), law=sign_smc.with_(rho=3.0)),
     "quasi_smc": dict(surface=_surface(), law=quasi_smc.with_(rho=3.0, eps=0.05)),
+    "adaptive_smc": dict(surface=_surface(), law=adaptive_smc),
+    "dual_layer_smc": dict(surface=_surface(), law=dual_layer_smc),
     "super_twisting": dict(surface=_surface(), law=super_twisting.with_(lam=3.0, beta=4.4)),
     "twisting": dict(surface=_surface(derivative="difference"), law=twisting.with_(**gains(20.0).twisting, v_M=6.0)),
     "adaptive_super_twisting": dict(surface=_surface(), law=adaptive_super_twisting),
+    "adaptive_twisting": dict(surface=_surface(derivative="difference"), law=adaptive_twisting),
     "quasi_continuous": dict(law=hosmc.quasi_continuous(2)),
+    "levant2005": dict(law=hosmc.quasi_continuous(2, "levant2005")),
     "nested": dict(law=hosmc.nested(2)),
     "adaptive_continuous": dict(law=hosmc.adaptive_continuous(2)),
 }
@@ -117,8 +121,9 @@ def double_integrator(law="super_twisting"):
     Parameters
     ----------
     law : str or Block
-        ``"sign_smc"``, ``"quasi_smc"``, ``"super_twisting"``, ``"twisting"``, ``"adaptive_super_twisting"``,
-        ``"quasi_continuous"``, ``"nested"`` or ``"adaptive_continuous"``; or a law of relative degree 1 or 2 of your own.
+        ``"sign_smc"``, ``"quasi_smc"``, ``"adaptive_smc"``, ``"dual_layer_smc"``, ``"super_twisting"``, ``"twisting"``,
+        ``"adaptive_super_twisting"``, ``"adaptive_twisting"``, ``"quasi_continuous"``, ``"levant2005"``, ``"nested"`` or
+        ``"adaptive_continuous"``; or a law of relative degree 1 or 2 of your own.
 
     Returns
     -------
