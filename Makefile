@@ -30,7 +30,7 @@ test: .venv/.ready
 	@find notebooks -name '*.ipynb' ! -path '*/.*' -exec $(BIN)/nbstripout --keep-id --verify {} + || { \
 	    echo 'Notebooks: those named above hold outputs ("$(BIN)/nbstripout --keep-id FILE" removes them).'; exit 1; }
 	@echo 'Running the unit tests and every notebook ...'
-	@$(BIN)/python -m pytest $(ARGS)
+	@$(BIN)/python -m pytest -n logical --maxprocesses 8 --dist loadfile $(ARGS)
 
 browser-test: .venv/.ready
 	@$(if $(CHROMIUM),,$(error No Chromium was found: install it (Debian: sudo apt install chromium), \

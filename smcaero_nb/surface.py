@@ -11,7 +11,7 @@ from .core import Param, ParameterError, block
 from .core.param import positive
 from .core.signal import first
 
-__all__ = ["coefficients", "itae", "polynomial"]
+__all__ = ["coefficients", "differenced", "itae", "polynomial"]
 
 #: s^p + ... + 1, coefficients of descending powers after the first: minimal integral of time times absolute error.
 #: classical: D. Graham and R. C. Lathrop, AIEE Trans. 72 (1953) 273; optimal: the same criterion, recomputed.
@@ -28,6 +28,10 @@ SETTLING = {
 }
 
 
+LAST = Param(r"\sigma_{-1}", "[sigma]", help="value one sample before the start", slider=(-1.0, 1.0))
+KNOWN = Param("known", "1", low=0.0, high=1.0, help="1: the value before the start counts")
+
+
 def _degree(r, integral):
     r = Param(low=1, high=6).check("surface", "r", r, int)
     return r, r - 1 + Param().check("surface", "integral", integral, bool)
@@ -35,13 +39,13 @@ def _degree(r, integral):
 
 def _chosen(degree, table, rule):
     """ITAE polynomial of that degree (descending, after the leading 1) and the product settling time times frequency."""
-    if table not in TABLES or degree not in TABLES[table]:
+    if table not in TABLES or degree not in (0, *TABLES[table]):
         allowed = ", ".join(f"'{t}' up to {max(c)}" for t, c in TABLES.items())
         raise ParameterError(f"surface: table = {table!r} has no polynomial of degree {degree}; there are {allowed}")
     if rule not in ("paper", "settling"):
         raise ParameterError(f"surface: rule = {rule!r} is not allowed; it must be 'paper' (w = 10/t_s) or 'settling' "
                              "(the measured 2 % settling)")
-    return TABLES[table][degree], 10.0 if rule == "paper" else SETTLING[table][degree]
+    return TABLES[table].get(degree, ()), 10.0 if rule == "paper" else SETTLING[table].get(degree, 0.0)
 
 
 def coefficients(r, settling_time, integral=True, table="classical", rule="paper"):
@@ -88,8 +92,6 @@ def coefficients(r, settling_time, integral=True, table="classical", rule="paper
     (1.75, 1.5625)
     """
     r, degree = _degree(r, integral)
-    if degree == 0:
-        return ()
     c, product = _chosen(degree, table, rule)
     w = product/positive("surface", "settling_time", settling_time)
     return tuple(a*w**(k + 1) for k, a in enumerate(c))
@@ -105,9 +107,9 @@ def _written(name, doc, arguments, first_line, c, r, integral, derivative, check
     if derivative not in (False, True, "difference"):
         raise ParameterError(f"surface: derivative = {derivative!r} is not allowed; it must be False, True or 'difference'")
     differs = derivative == "difference"
-    states = ["integral"]*integral + ["last"]*differs
-    ahead = ["integral + tau*first(e)"]*integral + ["sigma"]*differs
-    rate = "(sigma - last)/tau if last != 0.0 else 0.0" if differs else combined(1) if derivative else ""
+    states = ["integral"]*integral + ["last", "known"]*differs
+    ahead = ["integral + tau*first(e)"]*integral + ["sigma", "1.0"]*differs
+    rate = "(sigma - last)/tau if known else 0.0" if differs else combined(1) if derivative else ""
     lines = [first_line]*bool(first_line) + [f"{', '.join(states)}, = z"]*bool(states) + [f"sigma = {combined(0)}"]
     lines += ["return " + (f"(sigma, {rate})" if rate else "sigma") + (f", ({', '.join(ahead)},)" if states else "")]
     signals = "e, z, tau" if states else "e"
@@ -118,7 +120,7 @@ def _written(name, doc, arguments, first_line, c, r, integral, derivative, check
     f.__doc__ = doc
     f.__annotations__["return"] = (Param(r"\sigma"), Param(r"\dot\sigma")) if derivative else Param(r"\sigma")
     known = dict(integral=(0.0, Param(r"\int e", "[e] s", help="integral to start with", slider=(-1.0, 1.0))),
-                 last=(0.0, Param(r"\sigma_{-1}", "[sigma]", help="sigma one sample before the start; 0: not known")))
+                 last=(0.0, LAST), known=(0.0, KNOWN))
     return block(state={n: known[n] for n in states}, check=check)(f)
 
 
@@ -159,7 +161,7 @@ def itae(r, settling_time=8.0, integral=True, table="classical", rule="paper", d
     """
     r, degree = _degree(r, integral)
     settling_time = positive("surface", "settling_time", settling_time)
-    c, product = _chosen(degree, table, rule) if degree else ((), 0.0)
+    c, product = _chosen(degree, table, rule)
     said = [(f"{a:g}" if a != 1.0 else "") + r"\omega" + (f"^{k + 1}" if k else "") for k, a in enumerate(c)]
     doc = (f"ITAE sliding variable, relative degree {r}.\n\n.. math:: \\sigma = {_equation(said, r, integral)}"
            + (f", \\qquad \\omega = {product:g}/t_s" if degree else "") + "\n\nThe error settles as the ITAE polynomial of the "
@@ -220,3 +222,43 @@ def polynomial(c, integral=True, derivative=False):
 
     return _written("polynomial", doc, arguments, "", [f"{n}*" for n in names][::-1] + [""], r, integral, derivative, hurwitz,
                     **metas)
+
+
+def differenced(r):
+    r"""The error with its derivatives, and one derivative more, from the sample before: for laws of relative degree r + 1.
+
+    .. math:: (\sigma, \dot\sigma, ..., \sigma^{(r)}), \qquad
+        \sigma^{(r)}_k = (\sigma^{(r-1)}_k - \sigma^{(r-1)}_{k-1})/\tau
+
+    Parameters
+    ----------
+    r : int
+        How many the error comes with: the error itself and r - 1 derivatives, 1 to 5.
+
+    Returns
+    -------
+    Block
+        A surface for `ClosedLoop`, which gives r + 1 values.
+
+    Raises
+    ------
+    ParameterError
+        A number that is not allowed.
+
+    Notes
+    -----
+    With ``hosmc.integrated`` as allocation it raises the relative degree by one. The difference lags by half a sample, and noise
+    comes out of it 1/tau times as large; where there is noise, a differentiator does better.
+
+    References
+    ----------
+    A. Levant, Int. J. Control 58 (1993) 1247: the twisting algorithm with the sign of a difference.
+    """
+    r = Param(low=1, high=5).check("differenced", "r", r, int)
+    parts = ["e"] if r == 1 else [f"e{i}" for i in range(r)]
+    rate = f"({parts[-1]} - last)/tau if known else 0.0"
+    text = (f"def differenced(e, z, tau):\n    {', '.join(parts)} = e\n    last, known = z\n"
+            f"    return ({', '.join(parts)}, {rate}), ({parts[-1]}, 1.0)")
+    exec(text, names := {"__name__": __name__})
+    names["differenced"].__doc__ = differenced.__doc__
+    return block(state=dict(last=(0.0, LAST), known=(0.0, KNOWN)))(names["differenced"])

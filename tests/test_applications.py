@@ -10,8 +10,9 @@ from smcaero_nb import BlockError, ParameterError, applications, block, hosmc, s
 from smcaero_nb.applications.dc_motor import DC_MOTOR, amplifier, motor, with_integral
 from smcaero_nb.applications.double_integrator import DOUBLE_INTEGRATOR
 
-FIRST = ("sign_smc", "quasi_smc", "super_twisting", "twisting", "adaptive_super_twisting")
-SECOND = ("quasi_continuous", "nested", "adaptive_continuous")
+FIRST = ("sign_smc", "quasi_smc", "adaptive_smc", "dual_layer_smc", "super_twisting", "twisting", "adaptive_super_twisting",
+         "adaptive_twisting")
+SECOND = ("quasi_continuous", "levant2005", "nested", "adaptive_continuous")
 
 
 # ---- the chain ---------------------------------------------------------------------------------------------------
@@ -60,7 +61,8 @@ def test_double_integrator(law):
     assert run.diverged_at is None
     assert run.e[0][0] == -1.0
     assert np.abs(run.d).max() <= 0.7 + 1e-12
-    limit = {"sign_smc": 1e-3, "quasi_smc": 0.01, "super_twisting": 5e-6, "twisting": 2e-6, "adaptive_super_twisting": 0.01,
+    limit = {"sign_smc": 1e-3, "quasi_smc": 0.01, "adaptive_smc": 2e-3, "dual_layer_smc": 2e-3, "adaptive_twisting": 0.01,
+             "levant2005": 2e-5, "super_twisting": 5e-6, "twisting": 2e-6, "adaptive_super_twisting": 0.01,
              "quasi_continuous": 2e-5, "nested": 2e-5, "adaptive_continuous": 1e-7}[law]
     assert run.tail_e[0] < limit
     assert run.tail_e[1] < (0.02 if law != "adaptive_continuous" else 1e-4)
@@ -122,10 +124,12 @@ def test_dc_motor(law, output):
     assert run.diverged_at is None
     assert run.max_u <= 10.0
     e = np.ravel(run.tail_e)[0]
-    assert e < {"angle": {"sign_smc": 3e-3, "quasi_smc": 6e-3, "super_twisting": 5e-5, "twisting": 1e-4,
+    assert e < {"angle": {"sign_smc": 3e-3, "quasi_smc": 6e-3, "adaptive_smc": 3e-3, "dual_layer_smc": 3e-3,
+                          "adaptive_twisting": 0.03, "levant2005": 5e-4, "super_twisting": 5e-5, "twisting": 1e-4,
                           "adaptive_super_twisting": 2e-3,
                           "quasi_continuous": 5e-4, "nested": 5e-4, "adaptive_continuous": 1e-5},
-                "speed": {"sign_smc": 1.0, "quasi_smc": 1.2, "super_twisting": 0.02, "twisting": 0.03,
+                "speed": {"sign_smc": 1.0, "quasi_smc": 1.2, "adaptive_smc": 1.0, "dual_layer_smc": 1.0,
+                          "adaptive_twisting": 2.0, "levant2005": 1.5, "super_twisting": 0.02, "twisting": 0.03,
                           "adaptive_super_twisting": 0.2,
                           "quasi_continuous": 1.5, "nested": 1.5, "adaptive_continuous": 0.02}}[output][law]
 

@@ -27,8 +27,8 @@ def modules():
 def public():
     """{name: thing} of what a user meets: the names of the packages and of the modules beside them, each thing once."""
     seen = {}
-    for module in (smc, smc.core, smc.surface, smc.interop, smc.pid, smc.smc1, smc.smc2, smc.differentiators, smc.prd, smc.lv,
-                   smc.ui):
+    for module in (smc, smc.core, smc.surface, smc.interop, smc.pid, smc.smc1, smc.smc2, smc.hosmc, smc.differentiators, smc.prd,
+                   smc.applications, smc.lv, smc.ui):
         for name in module.__all__:
             thing = getattr(module, name)
             if not isinstance(thing, types.ModuleType) and not any(thing is other for other in seen.values()):
@@ -37,6 +37,14 @@ def public():
 
 
 PUBLIC = public()
+#: What the architecture promises by name.
+PROMISED = dict(
+    core="block Param channels ClosedLoop simulate Run", surface="itae coefficients polynomial",
+    smc1="sign_smc quasi_smc saturation_smc tanh_smc unit_vector quasi_unit_vector adaptive_smc adaptive_quasi_smc "
+         "adaptive_unit_vector adaptive_quasi_unit_vector dual_layer_smc dual_layer_quasi_smc dual_layer_unit_vector",
+    smc2="super_twisting twisting adaptive_super_twisting adaptive_twisting gains",
+    hosmc="quasi_continuous nested adaptive_continuous", lv="loop transfer_function", applications="double_integrator dc_motor",
+    ui="mask live plot")
 CALLABLE = {n: t for n, t in PUBLIC.items() if isinstance(t, (types.FunctionType, Block, type))}
 BLOCKS = {n: t for n, t in PUBLIC.items() if isinstance(t, Block)}
 
@@ -77,6 +85,12 @@ def test_every_public_name_has_a_docstring(name):
     else:
         first = (thing.__doc__ or "").strip().split("\n")[0]
         assert len(first) > 10 and first[0].isupper() and first.endswith((".", ":")), first
+
+
+@pytest.mark.parametrize(("module", "name"), [(m, n) for m, names in PROMISED.items() for n in names.split()])
+def test_promised_names_are_public(module, name):
+    thing = getattr(getattr(smc, module), name)
+    assert any(thing is other for other in PUBLIC.values()) and len(thing.__doc__) > 100
 
 
 #: The other classes are made by functions, not by hand.

@@ -156,7 +156,7 @@ def test_quasi_continuous_means_continuous_until_sigma_is_zero():
 @pytest.mark.parametrize("law", [*(LAWS[f](r) for f, r in FIXED), *(hosmc.adaptive_continuous(r) for r in range(2, 6))],
                          ids=lambda law: law.name)
 def test_compiled_is_plain(law):
-    r = int(law.name[-1])
+    r = law.r or 1
     q = loop(law, POINT[:r], dict(cosine=0.5, last=0.3, **WAVE))
     fast, plain = (simulate(q, 1.0, 1e-3, method="rk4", record=1000, jit=jit) for jit in (True, False))
     states = [{**vars(run.x), **(vars(run.z.law) if law.states else {})} for run in (fast, plain)]
@@ -172,6 +172,10 @@ def test_adaptive_continuous(r):
     for value in (1.0, 3.0, 10.0):
         for start in ([value] + [0.0]*(r - 1), [value]*r):
             assert size(tail(law, start, WAVE, 40.0, 1e-3, 3.0)) < 0.5
+    rng = np.random.default_rng(r)
+    for start in rng.uniform(-1.0, 1.0, (8, r)):
+        for xi in (dict(), dict(constant=1.0), dict(constant=-1.0), dict(cosine=1.0), dict(constant=0.5, cosine=0.5, omega=1.0)):
+            assert size(tail(law, start.tolist(), xi, 40.0, 1e-3, 3.0)) < 0.5
     a = [1/(1 + (r + 1 - i)*(1/law.values["alpha_r"] - 1)) for i in range(1, r + 1)]
     found = slopes(law, r, (8e-4, 4e-4, 2e-4, 1e-4), 40.0, WAVE, 2)
     assert found[-1] == pytest.approx(2.0, abs=0.15)
@@ -368,9 +372,12 @@ def test_bad_input(make, message):
         make()
 
 
-def test_wrong_length_is_named():
-    with pytest.raises(smc.BlockError, match="quasi_continuous_3"):
-        simulate(loop(hosmc.quasi_continuous(3), (1.0, 0.0), {}), 1.0, 1e-3)
+@pytest.mark.parametrize("law", [hosmc.quasi_continuous(3), hosmc.quasi_continuous(3, "levant2005"), hosmc.nested(3),
+                                 hosmc.adaptive_continuous(3)], ids=lambda law: law.name)
+@pytest.mark.parametrize("start", [(1.0, 0.0), (1.0, 0.0, 0.0, 0.0)])
+def test_wrong_length_is_named(law, start):
+    with pytest.raises(smc.BlockError, match=law.name):
+        simulate(loop(law, start, {}), 1.0, 1e-3)
 
 
 @pytest.mark.parametrize("law", [*(LAWS[f](r) for f in LAWS for r in range(1, 6)), hosmc.integrated,
@@ -384,6 +391,6 @@ def test_metadata(law):
         assert meta.help
         assert name in law.states or name in doc
         assert not meta.slider or meta.slider[0] <= law.values[name] <= meta.slider[1]
-    if law.name == "nested_5":
+    if law.name.startswith("nested_5"):
         assert "xperimental" in doc
         assert "experimental" in law.params["alpha"].help

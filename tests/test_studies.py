@@ -79,6 +79,7 @@ def test_comparison_of_up_to_four(picture):
     assert {t.name for t in c.figure.data} >= set(c.runs)
     fifth = c._toggles["super-twisting"]
     fifth.value = True
+    c.wait()
     assert not fifth.value and "4 laws at most" in c.status and len(c.runs) == 4
     c.set("super-twisting", "sign")
     assert list(c.runs) == ["sign", "super-twisting"]
@@ -119,7 +120,9 @@ def test_comparison_of_loops_that_fail():
 
 
 def test_bad_sources():
-    for f, message in ((compare, "compare: int is not allowed; it must be a live plot or {name: loop}"),
+    with pytest.raises(ParameterError, match="compare: {'a': 7} is not allowed"):
+        compare({"a": 7})
+    for f, message in ((compare, "compare: 7 is not allowed; it must be a live plot or {name: loop}"),
                        (certificate, "certificate: int is not allowed; it must be a live plot or a closed loop")):
         with pytest.raises(ParameterError, match=message):
             f(7)
@@ -134,9 +137,21 @@ def test_certificate_is_of_the_loop_as_set(picture):
     assert c.result.order == 1 and c.status.startswith("sign: Sliding of order 1: |sigma| ~ tau^")
     assert [t.name for t in c.figure.data if t.mode == "markers"] == [f"|σ|: slope {c.result.slopes[0]:.2f}"]
     np.testing.assert_array_equal(c.figure.data[1].x, c.result.tau)
+    picture.set(law__rho=3.0)
+    assert c.status.endswith("The mask has changed since.")
+    picture.mask.reset()
+    assert "changed" not in c.status
     picture.mask.choice.value = "quasi"
+    assert "changed" in c.status
     assert c.measure().order is None and c.status.startswith("quasi: No order of sliding")
     assert certificate(perturbed_chain(smc2.super_twisting, 1)).measure().order == 2
+
+
+def test_a_failed_measurement_leaves_none():
+    c = certificate(CHAINS["sign"])
+    assert c.measure().order == 1
+    c._given = {"": CHAINS["sign"].with_(dt=None)}
+    assert c.measure() is None and "dt [s] is not given" in c.status and c._below.children == ()
 
 
 def test_certificate_says_why_not():

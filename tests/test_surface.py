@@ -230,3 +230,25 @@ def test_surfaces_explain_themselves(block):
     assert r".. math:: \sigma = " in block.__doc__ and "Paper eq (9)" in block.__doc__
     assert smc.surface.itae.__doc__ and block.output.symbol == r"\sigma"
     assert [m.symbol for m in itae(2, 8.0, derivative=True).output] == [r"\sigma", r"\dot\sigma"]
+
+
+# ---- one derivative more -----------------------------------------------------------------------------------------
+@pytest.mark.parametrize("r", (1, 2, 4))
+def test_differenced(r):
+    block = smc.surface.differenced(r)
+    e = 0.3 if r == 1 else tuple(0.1*(i + 1) for i in range(r))
+    last = e if r == 1 else e[-1]
+    out, z = block(e, (0.0, 0.0), 0.5)
+    assert out == ((e, 0.0) if r == 1 else (*e, 0.0)) and z == (last, 1.0)  # not known before the start
+    out, _ = block(e, (last - 0.2, 1.0), 0.5)
+    assert out[-1] == pytest.approx(0.4)
+    assert block(e, (0.0, 1.0), 0.5)[0][-1] == pytest.approx(2.0*last)  # a value of 0 counts like any other
+
+
+def test_what_does_not_matter_is_checked_all_the_same():
+    for call in (lambda: smc.surface.itae(1, integral=False, table="nonsense"), lambda: smc.surface.itae(1, 1.0, False, rule="x"),
+                 lambda: smc.surface.coefficients(1, "x", integral=False), lambda: smc.surface.differenced(6)):
+        with pytest.raises(smc.ParameterError):
+            call()
+    with pytest.raises(smc.ParameterError, match="derivative = 'x' is not allowed"):
+        smc.surface.itae(2, derivative="x")

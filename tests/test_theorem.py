@@ -76,12 +76,21 @@ def first_of_nothing(t):
     (smc2.twisting, 1, dict(law__v_M=0.7), "|xi| reaches 0.8, more than v_M = 0.7 [v]"),
     (smc2.adaptive_twisting, 1, dict(law__v_M=0.7), "|xi| reaches 0.8, more than v_M = 0.7 [v]"),
     (hosmc.quasi_continuous(3), 3, dict(perturbation__xi_1=1.5), "|xi| reaches 1.5, more than L = 1 [v]"),
-    (hosmc.nested(2), 2, dict(law__L=0.5), "|xi| reaches 0.8, more than L = 0.5 [v]")])
+    (hosmc.nested(2), 2, dict(law__L=0.5), "|xi| reaches 0.8, more than L = 0.5 [v]"),
+    (hosmc.quasi_continuous(3), 3, dict(law__lam=0.3), "|xi| reaches 0.8, more than L lambda^3 = 0.027 [v]"),
+    (hosmc.quasi_continuous(3), 3, dict(law__alpha=0.5), "|xi| reaches 0.8, more than the greatest |v|, alpha L = 0.5 [v]"),
+    (hosmc.quasi_continuous(3), 3, dict(law__lam=2.0, perturbation__xi_1=9.0), "more than L lambda^3 = 8 [v]")])
 def test_a_perturbation_beyond_the_bound_is_named(law, r, bad, said):
     loop = perturbed_chain(law, r)
     assert simulate(loop, record=1000).doubts() == []
     (why,) = simulate(loop.with_(**bad), record=1000).doubts()
     assert said in why
+
+
+def test_a_faster_law_bears_more():
+    loop = perturbed_chain(hosmc.quasi_continuous(3), 3).with_(law__lam=2.0, perturbation__xi_1=5.0)
+    run = simulate(loop, record=1000)
+    assert run.doubts() == [] and run.tail_sigma[0] < 1e-6
 
 
 def test_doubts_of_channels_and_several_inputs():

@@ -61,6 +61,14 @@ def test_widgets_load_only_when_asked_for():
 
 
 # ---- masks -------------------------------------------------------------------------------------------------------
+def test_a_remark_on_what_was_typed_is_said():
+    m = mask(smc.smc1.decoupling(((2.0, 1.0), (1.0, 1.0))))
+    m.entries["G0_11"].value = "1.00001"
+    assert m.target.values["G0_11"] == 1.00001 and "nearly singular" in m._status.value and "smcaero-good" in m._status.value
+    m.entries["G0_11"].value = "1"
+    assert "is singular" in m._status.value and "It stays at 1.00001" in m._status.value
+
+
 def test_form_follows_the_metadata():
     m = mask(everything)
     kinds = {"gain": ipywidgets.FloatSlider, "width": ipywidgets.FloatLogSlider, "order": ipywidgets.IntSlider,

@@ -5,7 +5,8 @@ from typing import Annotated
 
 from ..core import Block, ClosedLoop, Param, ParameterError, block
 from ..core.signal import generated, leaves, text
-from ..surface import itae
+from ..hosmc import integrated
+from ..surface import differenced
 
 __all__ = ["chain", "chain_output", "chain_perturbation", "fitted", "perturbed_chain"]
 
@@ -117,8 +118,8 @@ def chain_output(x):
 
 @block
 def chain_perturbation(t, xi_0: Annotated[float, Param(r"\xi_0", "[v]", help="constant part", slider=(-2.0, 2.0))] = 0.0,
-                       xi_1: Annotated[float, Param(r"\xi_1", "[v]", low=0.0, help="amplitude", slider=(0.0, 2.0))] = 0.8,
-                       omega: Annotated[float, Param(r"\omega", "rad/s", low=0.0, help="frequency", slider=(0.0, 20.0))] = 1.2
+                       xi_1: Annotated[float, Param(r"\xi_1", "[v]", low=0.0, help="amplitude", slider=(0.0, 10.0))] = 0.8,
+                       omega: Annotated[float, Param(r"\omega", "rad/s", low=0.0, help="frequency", slider=(0.0, 100.0))] = 1.2
                        ) -> Param(r"\xi", "[v]"):
     r"""Perturbation of the chain.
 
@@ -137,12 +138,18 @@ def chain_perturbation(t, xi_0: Annotated[float, Param(r"\xi_0", "[v]", help="co
     -------
     float
         xi [v]; its bound is \|xi_0\| + xi_1, that of its derivative omega xi_1.
+
+    References
+    ----------
+    The xi of paper eq (26).
     """
     return xi_0 + xi_1*math.cos(omega*t)
 
 
-def perturbed_chain(law, r):
-    """A law on its chain, from sigma = 1, all derivatives 0.
+def perturbed_chain(law, r, raised=False):
+    r"""A law on its chain, from sigma = 1, all derivatives 0.
+
+    .. math:: \sigma^{(r)} = \xi - v, \qquad \text{or, raised,} \qquad \sigma^{(r)} = \xi - u, \quad \dot u = v
 
     Parameters
     ----------
@@ -151,6 +158,9 @@ def perturbed_chain(law, r):
         (sigma, sigma'), sigma' from the sample before.
     r : int
         Number of integrators, 1 to 6.
+    raised : bool
+        Let a law for relative degree r + 1 act on the derivative of the control, which is then continuous: `hosmc.integrated`
+        behind it, and before it `surface.differenced`, which gives the derivative of sigma that the law needs more.
 
     Returns
     -------
@@ -162,13 +172,20 @@ def perturbed_chain(law, r):
     ParameterError
         A number of integrators that is not allowed, or a law for another relative degree.
 
+    References
+    ----------
+    Paper eq (26). A. Levant, Int. J. Control 58 (1993) 1247, for the raised relative degree.
+
     Examples
     --------
-    >>> simulate(perturbed_chain(hosmc.quasi_continuous(3), 3)).tail_e
-    (2.1e-08, 9e-06, 0.009)
+    >>> run = simulate(perturbed_chain(smc.hosmc.quasi_continuous(3), 3))
+    >>> [f"{size:.0e}" for size in run.tail_e]
+    ['2e-08', '9e-06', '9e-03']
     """
-    if law.r not in (None, r):
-        raise ParameterError(f"perturbed_chain: r = {r} is not allowed; {law.name} is for relative degree {law.r}")
-    surface = itae(1, integral=False, derivative="difference") if law.r == 1 else None
+    if law.r not in (None, r + raised):
+        raise ParameterError(f"perturbed_chain: r = {r}{', raised,'*raised} is not allowed; {law.name} is for relative degree "
+                             f"{law.r}")
+    surface = differenced(r) if raised or law.r == 1 else None
     return ClosedLoop(chain(r).with_(s0=1.0), output=chain_output, surface=surface, law=law, perturbation=chain_perturbation,
-                      duration=20.0 if r < 4 else 40.0, dt=2.5e-4, tau=1e-3, name=f"{law.name}, chain of {r}")
+                      allocation=integrated if raised else None, duration=20.0 if r < 4 else 40.0, dt=2.5e-4, tau=1e-3,
+                      name=f"{law.name}, chain of {r}" + ", raised"*raised)

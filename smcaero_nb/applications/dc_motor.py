@@ -6,8 +6,8 @@ from typing import Annotated
 
 from .. import hosmc
 from ..core import ClosedLoop, Param, ParameterError, block
-from ..smc1 import quasi_smc, sign_smc
-from ..smc2 import adaptive_super_twisting, gains, super_twisting, twisting
+from ..smc1 import adaptive_smc, dual_layer_smc, quasi_smc, sign_smc
+from ..smc2 import adaptive_super_twisting, adaptive_twisting, gains, super_twisting, twisting
 from ..surface import itae
 from .chain import fitted
 
@@ -64,7 +64,9 @@ def motor(x, u, d,
 
 @block
 def shaft(x) -> (Param(r"\theta", "rad"), Param(r"\omega", "rad/s")):
-    """Angle and speed of the shaft.
+    r"""Angle and speed of the shaft.
+
+    .. math:: y = (\theta, \omega)
 
     Parameters
     ----------
@@ -75,13 +77,19 @@ def shaft(x) -> (Param(r"\theta", "rad"), Param(r"\omega", "rad/s")):
     -------
     tuple of 2 float
         [rad], [rad/s].
+
+    Notes
+    -----
+    Not in the paper.
     """
     return x[0], x[1]
 
 
 @block
 def speed(x) -> Param(r"\omega", "rad/s"):
-    """Speed of the shaft.
+    r"""Speed of the shaft.
+
+    .. math:: y = \omega
 
     Parameters
     ----------
@@ -92,6 +100,10 @@ def speed(x) -> Param(r"\omega", "rad/s"):
     -------
     float
         [rad/s].
+
+    Notes
+    -----
+    Not in the paper.
     """
     return x[1]
 
@@ -100,7 +112,9 @@ def speed(x) -> Param(r"\omega", "rad/s"):
 def step(t, height: Annotated[float, Param("r_1", "[y]", help="where it steps to", slider=(-200.0, 200.0))] = 1.0,
          start: Annotated[float, Param("t_1", "s", low=0.0, help="when it steps", slider=(0.0, 1.0))] = 0.02
          ) -> Param("r", "[y]"):
-    """Command: a step.
+    r"""Command: a step.
+
+    .. math:: r = r_1 \text{ for } t \ge t_1, \text{ else } 0
 
     Parameters
     ----------
@@ -115,6 +129,10 @@ def step(t, height: Annotated[float, Param("r_1", "[y]", help="where it steps to
     -------
     float
         Command.
+
+    Notes
+    -----
+    Not in the paper.
     """
     return height if t >= start else 0.0
 
@@ -141,6 +159,10 @@ def load_torque(t, T_0: Annotated[float, Param("T_0", "N m", help="constant part
     -------
     float
         T [N m].
+
+    Notes
+    -----
+    Not in the paper.
     """
     return T_0 + T_1*math.sin(omega*t)
 
@@ -163,7 +185,7 @@ def with_integral(e, z, tau):
 
     Notes
     -----
-    The integral is to end at zero, so the error has to overshoot.
+    Not in the paper. The integral is to end at zero, so the error has to overshoot.
     """
     integral, = z
     return (integral, e), (integral + tau*e,)
@@ -225,29 +247,40 @@ _surface = partial(itae, 2, 0.4, integral=False)  # e' + 25 e
 _none = partial(itae, 1, integral=False)  # e
 _super_twisting = super_twisting.with_(lam=150.0, beta=1.1e4)
 _twisting = twisting.with_(**gains(2e4).twisting, v_M=3000.0)
-_adaptive_twisting = adaptive_super_twisting.with_(gamma=1e4, mu=0.01, lam_min=10.0, eps=30.0, eta=1e3, lam=100.0)
+_adaptive_super_twisting = adaptive_super_twisting.with_(gamma=1e4, mu=0.01, lam_min=10.0, eps=30.0, eta=1e3, lam=100.0)
 _adaptive = hosmc.adaptive_continuous(2).with_(gamma_1=625.0, gamma_2=50.0, alpha_r=0.85, l_0=500.0, eps=300.0, r_0=2e5,
                                                gamma=0.0, delta_0=200.0, tau_f=2e-3, L=5e3)
-_quasi_continuous, _nested = hosmc.quasi_continuous(2), hosmc.nested(2)
+_adaptive_smc = adaptive_smc.with_(gamma=2e4, delta=0.6, rho=100.0)
+_dual_layer = dual_layer_smc.with_(eta=50.0, eps=300.0, delta_0=90.0, r_0=5e4, gamma=0.0, tau_f=2e-3, k=500.0)
+_adaptive_twisting = adaptive_twisting.with_(gamma=1e6, mu=0.1, c=1e-6, v_M=3000.0, alpha_min=1e3, eta=1e5, alpha_1=2e4)
+_quasi_continuous, _levant, _nested = hosmc.quasi_continuous(2), hosmc.quasi_continuous(2, "levant2005"), hosmc.nested(2)
 #: {output: {law: stages}}; v is an angular acceleration, and 10 V are 3075 rad/s^2.
 DC_MOTOR = {
     "angle": {
         "sign_smc": dict(surface=_surface(), law=sign_smc.with_(rho=2000.0)),
         "quasi_smc": dict(surface=_surface(), law=quasi_smc.with_(rho=2000.0, eps=0.5)),
+        "adaptive_smc": dict(surface=_surface(), law=_adaptive_smc),
+        "dual_layer_smc": dict(surface=_surface(), law=_dual_layer),
         "super_twisting": dict(surface=_surface(), law=_super_twisting),
         "twisting": dict(surface=_surface(derivative="difference"), law=_twisting),
-        "adaptive_super_twisting": dict(surface=_surface(), law=_adaptive_twisting),
+        "adaptive_super_twisting": dict(surface=_surface(), law=_adaptive_super_twisting),
+        "adaptive_twisting": dict(surface=_surface(derivative="difference"), law=_adaptive_twisting),
         "quasi_continuous": dict(law=_quasi_continuous.with_(L=800.0)),
+        "levant2005": dict(law=_levant.with_(L=800.0)),
         "nested": dict(law=_nested.with_(L=750.0)),
         "adaptive_continuous": dict(law=_adaptive),
     },
     "speed": {
         "sign_smc": dict(law=sign_smc.with_(rho=2200.0)),
         "quasi_smc": dict(law=quasi_smc.with_(rho=2200.0, eps=0.5)),
+        "adaptive_smc": dict(law=_adaptive_smc),
+        "dual_layer_smc": dict(law=_dual_layer),
         "super_twisting": dict(law=super_twisting.with_(lam=210.0, beta=2.2e4)),
         "twisting": dict(surface=_none(derivative="difference"), law=_twisting),
-        "adaptive_super_twisting": dict(law=_adaptive_twisting),
+        "adaptive_super_twisting": dict(law=_adaptive_super_twisting),
+        "adaptive_twisting": dict(surface=_none(derivative="difference"), law=_adaptive_twisting),
         "quasi_continuous": dict(surface=with_integral, law=_quasi_continuous.with_(alpha=2.0, L=1500.0)),
+        "levant2005": dict(surface=with_integral, law=_levant.with_(alpha=1.7, L=1700.0)),
         "nested": dict(surface=with_integral, law=_nested.with_(alpha=1.5, L=1700.0)),
         "adaptive_continuous": dict(surface=with_integral, law=_adaptive),
     },
@@ -256,13 +289,17 @@ HEIGHT = {"angle": 1.0, "speed": 80.0}
 
 
 def dc_motor(law="super_twisting", output="angle"):
-    """A laboratory motor with a disc, its voltage limited to 10 V, against a load of up to 40 % of its nominal torque.
+    r"""A laboratory motor with a disc, its voltage limited to 10 V, against a load of up to 40 % of its nominal torque.
+
+    .. math:: \sigma = \dot e + 25\,e \text{ or } (e, \dot e) \text{ of the angle}, \quad
+        \sigma = e \text{ or } \Big(\int e\,dt, e\Big) \text{ of the speed}, \qquad u = v/G_0, \quad |u| \le u_{max}
 
     Parameters
     ----------
     law : str or Block
-        ``"sign_smc"``, ``"quasi_smc"``, ``"super_twisting"``, ``"twisting"``, ``"adaptive_super_twisting"``,
-        ``"quasi_continuous"``, ``"nested"`` or ``"adaptive_continuous"``; or a law of relative degree 1 or 2 of your own.
+        ``"sign_smc"``, ``"quasi_smc"``, ``"adaptive_smc"``, ``"dual_layer_smc"``, ``"super_twisting"``, ``"twisting"``,
+        ``"adaptive_super_twisting"``, ``"adaptive_twisting"``, ``"quasi_continuous"``, ``"levant2005"``, ``"nested"`` or
+        ``"adaptive_continuous"``; or a law of relative degree 1 or 2 of your own.
     output : str
         ``"angle"``: a step of 1 rad; ``"speed"``: a step to 80 rad/s.
 
@@ -284,10 +321,15 @@ def dc_motor(law="super_twisting", output="angle"):
     Angle: laws of relative degree 1 act on sigma = e' + 25 e. Speed: they act on e itself, and laws of relative degree 2 on
     the integral of e and e, whose overshoot is the price of not measuring the acceleration.
 
+    References
+    ----------
+    Quanser, Qube-Servo 3 User Manual, Table 2.2. The sliding variable: paper eq (9).
+
     Examples
     --------
-    >>> simulate(dc_motor("super_twisting")).tail_e
-    (1.1e-05, 0.001)
+    >>> run = simulate(dc_motor("super_twisting"))
+    >>> [f"{size:.0e}" for size in run.tail_e]
+    ['1e-05', '1e-03']
     """
     if output not in DC_MOTOR:
         raise ParameterError(f"dc_motor: output = {output!r} is not allowed; it must be one of {', '.join(DC_MOTOR)}")

@@ -6,8 +6,8 @@ from typing import Annotated
 
 from .. import hosmc
 from ..core import ClosedLoop, Param, block
-from ..smc1 import quasi_smc, sign_smc
-from ..smc2 import adaptive_super_twisting, gains, super_twisting, twisting
+from ..smc1 import adaptive_smc, dual_layer_smc, quasi_smc, sign_smc
+from ..smc2 import adaptive_super_twisting, adaptive_twisting, gains, super_twisting, twisting
 from ..surface import itae
 from .chain import fitted
 
@@ -34,13 +34,19 @@ def mass(x, u, d, m: Annotated[float, Param("m", "kg", low=1e-3, slider=(0.1, 10
     -------
     tuple of 2 float
         Derivative of the state.
+
+    Notes
+    -----
+    Not in the paper. With e = -s the laws meet :math:`\ddot e = \xi - u`, in which an error of the mass counts as perturbation.
     """
     return x[1], (u + d)/m
 
 
 @block
 def position(x) -> (Param("s", "m"), Param(r"\dot s", "m/s")):
-    """Position and velocity.
+    r"""Position and velocity.
+
+    .. math:: y = (s, \dot s)
 
     Parameters
     ----------
@@ -51,6 +57,10 @@ def position(x) -> (Param("s", "m"), Param(r"\dot s", "m/s")):
     -------
     tuple of 2 float
         [m], [m/s].
+
+    Notes
+    -----
+    Not in the paper.
     """
     return x[0], x[1]
 
@@ -77,6 +87,10 @@ def push(t, d_0: Annotated[float, Param("d_0", "N", help="constant part", slider
     -------
     float
         d [N].
+
+    Notes
+    -----
+    Not in the paper.
     """
     return d_0 + d_1*math.sin(omega*t)
 
@@ -86,23 +100,30 @@ _surface = partial(itae, 2, 4.0, integral=False)  # e' + 2.5 e
 DOUBLE_INTEGRATOR = {
     "sign_smc": dict(surface=_surface(), law=sign_smc.with_(rho=3.0)),
     "quasi_smc": dict(surface=_surface(), law=quasi_smc.with_(rho=3.0, eps=0.05)),
+    "adaptive_smc": dict(surface=_surface(), law=adaptive_smc),
+    "dual_layer_smc": dict(surface=_surface(), law=dual_layer_smc),
     "super_twisting": dict(surface=_surface(), law=super_twisting.with_(lam=3.0, beta=4.4)),
     "twisting": dict(surface=_surface(derivative="difference"), law=twisting.with_(**gains(20.0).twisting, v_M=6.0)),
     "adaptive_super_twisting": dict(surface=_surface(), law=adaptive_super_twisting),
+    "adaptive_twisting": dict(surface=_surface(derivative="difference"), law=adaptive_twisting),
     "quasi_continuous": dict(law=hosmc.quasi_continuous(2)),
+    "levant2005": dict(law=hosmc.quasi_continuous(2, "levant2005")),
     "nested": dict(law=hosmc.nested(2)),
     "adaptive_continuous": dict(law=hosmc.adaptive_continuous(2)),
 }
 
 
 def double_integrator(law="super_twisting"):
-    """A mass of 1 kg, brought to rest at 0 from 1 m away, against a perturbing force of up to 0.7 N.
+    r"""A mass of 1 kg, brought to rest at 0 from 1 m away, against a perturbing force of up to 0.7 N.
+
+    .. math:: m\,\ddot s = u + d, \qquad \sigma = \dot e + 2.5\,e \text{ or } (e, \dot e), \qquad u = v
 
     Parameters
     ----------
     law : str or Block
-        ``"sign_smc"``, ``"quasi_smc"``, ``"super_twisting"``, ``"twisting"``, ``"adaptive_super_twisting"``,
-        ``"quasi_continuous"``, ``"nested"`` or ``"adaptive_continuous"``; or a law of relative degree 1 or 2 of your own.
+        ``"sign_smc"``, ``"quasi_smc"``, ``"adaptive_smc"``, ``"dual_layer_smc"``, ``"super_twisting"``, ``"twisting"``,
+        ``"adaptive_super_twisting"``, ``"adaptive_twisting"``, ``"quasi_continuous"``, ``"levant2005"``, ``"nested"`` or
+        ``"adaptive_continuous"``; or a law of relative degree 1 or 2 of your own.
 
     Returns
     -------
@@ -119,10 +140,16 @@ def double_integrator(law="super_twisting"):
     A first- or second-order law makes sigma = e' + 2.5 e zero, and e then falls exponentially; a law of relative degree 2
     brings e and e' to zero in finite time, without a surface.
 
+    References
+    ----------
+    The textbook example of sliding mode control: Y. Shtessel, C. Edwards, L. Fridman and A. Levant, Sliding Mode Control and
+    Observation, Birkhauser, 2014, chapter 1. The sliding variable: paper eq (9).
+
     Examples
     --------
-    >>> simulate(double_integrator("quasi_continuous")).tail_e
-    (3.6e-06, 0.0034)
+    >>> run = simulate(double_integrator("quasi_continuous"))
+    >>> [f"{size:.0e}" for size in run.tail_e]
+    ['4e-06', '3e-03']
     """
     stages = fitted("double_integrator", law, DOUBLE_INTEGRATOR, _surface, None)
     return ClosedLoop(mass, output=position, perturbation=push, duration=8.0, dt=1e-4, tau=1e-3,

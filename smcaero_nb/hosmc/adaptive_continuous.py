@@ -19,7 +19,7 @@ STATE = dict(
     r=(0.0, Param("r(0)", "[v]/s^2", low=0.0, help="rate of L beyond r_0 to start with", slider=(0.0, 10.0))))
 SETTINGS = dict(
     l_0=(0.2, Param("l_0", "[v]/s", low=1e-6, log=True, help="least L", slider=(1e-3, 10.0))),
-    beta_0=(1.1, Param(r"\beta_0", "1", low=1.0, help="beta = beta_0 L", slider=(1.0, 1.2))),
+    beta_0=(1.1, Param(r"\beta_0", "1", low=1.001, help="beta = beta_0 L", slider=(1.001, 1.2))),
     alpha=(0.8, Param(r"\alpha", "1", low=0.01, high=1.0, help="safety factor, less than 1/beta_0", slider=(0.1, 0.83))),
     eps=(0.2, Param(r"\varepsilon", "[v]/s", low=0.0, help="safety margin of L", slider=(0.0, 1.0))),
     r_0=(0.5, Param("r_0", "[v]/s^2", low=0.0, help="least rate of L", slider=(0.0, 10.0))),
@@ -171,10 +171,11 @@ def adaptive_continuous(r):
     for n, (v, meta) in dict(alpha_r=(alpha_r, power_r), **SETTINGS).items():
         names[f"A_{n}"] = Annotated[float, meta]
         arguments.append(f"{n}: A_{n} = {v!r}")
-    v_sigma = " + ".join(f"gamma_{i + 1}*power(sigma[{i}], 1.0/(1.0 + {r - i}.0*q))" for i in range(r))
+    parts = [f"s{i}" for i in range(r)]
+    v_sigma = " + ".join(f"gamma_{i + 1}*power({s}, 1.0/(1.0 + {r - i}.0*q))" for i, s in enumerate(parts))
     exec(f"def adaptive_continuous_{r}(sigma, z, tau, {', '.join(arguments)}) -> V:\n"
-         f"    q = 1.0/alpha_r - 1.0\n    v_sigma = {v_sigma}\n"
-         f"    return continuous(v_sigma, sigma[{r - 1}], z, tau, l_0, beta_0, alpha, eps, r_0, gamma, delta_0, tau_f)", names)
+         f"    {', '.join(parts)} = sigma\n    q = 1.0/alpha_r - 1.0\n    v_sigma = {v_sigma}\n"
+         f"    return continuous(v_sigma, {parts[-1]}, z, tau, l_0, beta_0, alpha, eps, r_0, gamma, delta_0, tau_f)", names)
     f = names[f"adaptive_continuous_{r}"]
     f.__doc__ = DOC.format(
         r=r, last=r - 1, w0=w0, gains=", ".join(f"gamma_{i + 1}" for i in range(r)),

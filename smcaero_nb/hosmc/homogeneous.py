@@ -7,7 +7,8 @@ for the powers 2 and 1/2, which compilers turn into these, and `power` for other
 import math
 from typing import Annotated
 
-from ..core import Param, ParameterError, block, exceeds
+from ..core import Param, ParameterError, block
+from ..core.theorem import MARGIN
 
 __all__ = ["law", "order", "power", "ratio", "sign"]
 
@@ -80,8 +81,9 @@ DOC = r"""{title}, relative degree {r}.
 def law(name, r, psi, alpha, said="", **doc):
     """The block v = alpha L lam^r Psi(sigma_i/(L lam^i)) of relative degree `r`; `said` and `doc` are for its help."""
     scales = ["L", *(f"scale_{i}" for i in range(1, r + 1))]
-    arguments = ["sigma/L"] if r == 1 else [f"sigma[{i}]/{scales[i]}" for i in range(r)]
-    body = [f"{scales[i]} = {scales[i - 1]}*lam" for i in range(1, r + 1)]
+    parts = ["sigma"] if r == 1 else [f"s{i}" for i in range(r)]
+    arguments = [f"{s}/{scale}" for s, scale in zip(parts, scales, strict=False)]
+    body = [f"{', '.join(parts)} = sigma"]*(r > 1) + [f"{scales[i]} = {scales[i - 1]}*lam" for i in range(1, r + 1)]
     body += [f"return alpha*{scales[r]}*psi({', '.join(arguments)})"]
     gain = Param(r"\alpha", "1", low=0.0, help=f"{said}gain, in units of the bound L; {alpha:g} settled in every trial",
                  slider=(0.0, 4.0*alpha))
@@ -91,4 +93,13 @@ def law(name, r, psi, alpha, said="", **doc):
     f = names[name]
     f.__doc__ = DOC.format(r=r, signal="float" if r == 1 else f"tuple of {r} float", **doc,
                            meaning="Sliding variable" + (f" and its derivatives up to the order {r - 1}" if r > 1 else ""))
-    return block(f, theorem=exceeds("L"), r=r if r > 1 else None)
+
+    def assumed(values, xi, dxi):
+        """What the theorem assumes of the perturbation, and what alpha has to give at least."""
+        scale = values["lam"]**r
+        bound, said = values["L"]*scale, "L" if scale == 1.0 else f"L lambda^{r}"
+        for factor, what in ((1.0, said), (values["alpha"], f"the greatest |v|, alpha {said}")):
+            if xi > MARGIN*factor*bound:
+                return f"|xi| reaches {xi:.3g}, more than {what} = {factor*bound:.3g} [v]"
+
+    return block(f, theorem=assumed, r=r if r > 1 else None)

@@ -95,6 +95,6 @@ def nested(r):
     if r == 5:
         notes += ("\n\n    Experimental: these b were found by search, not in print; they want tau of 5e-4 s or less. Sizes of\n"
                   "    s_3 above 1e10 overflow.")
-    return law(f"nested_{r}", r, psi, alpha, said="experimental; " if r == 5 else "",
+    return law(f"nested_{r}" + "_experimental"*(r == 5), r, psi, alpha, said="experimental; " if r == 5 else "",
                title="Nested sliding mode control" + (" (experimental)" if r == 5 else ""), equation=equation, notes=notes,
                references="Paper eq (28). A. Levant, Int. J. Control 76 (2003) 924.")

@@ -10,7 +10,7 @@ from ..core.signal import solved
 
 __all__ = ["decoupling"]
 
-NEAR, SINGULAR = 1e8, 1e15  # condition numbers: warn, refuse
+NEAR, SINGULAR = 1e4, 1e15  # condition numbers: warn, refuse
 
 
 def condition(G):
@@ -58,7 +58,7 @@ def decoupling(G0):
     Notes
     -----
     The equations are solved at every sample by elimination with row exchanges. A matrix of numbers warns (`UserWarning`)
-    where it is nearly singular: condition number above 1e8 with its rows and columns scaled to 1. A function is called at
+    where it is nearly singular: condition number above 1e4 with its rows and columns scaled to 1. A function is called at
     every sample and not looked at before: where it is exactly singular u is not a number, and the run ends there with
     `Run.diverged_at`; where it is nearly singular u is large, which `Run.max_u` shows.
 

@@ -72,7 +72,7 @@ def dual_layer_smc(sigma, z, tau, eta: Eta = 0.05, alpha: Alpha = 0.9, eps: Eps 
     Returns
     -------
     float
-        v, of :math:`\dot\sigma = \xi - v`; needs no bound of the perturbation, and none of its derivative.
+        v, of :math:`\dot\sigma = \xi - v`; needs no bound of the perturbation.
 
     Notes
     -----
@@ -82,7 +82,8 @@ def dual_layer_smc(sigma, z, tau, eta: Eta = 0.05, alpha: Alpha = 0.9, eps: Eps 
 
     Erratum: nothing in (18) keeps k from falling below 0; here it is held at 0 or above. eps and eta must be larger than
     0: without them k can reach 0 while v_eq is 0, and stays there however large sigma becomes. The sufficient condition of
-    the source, eps^2/4 > delta_0^2 + (q L_1/alpha)^2/gamma with \|xi''\| <= L_1 and a factor q > 1, contains delta_0 < eps/2.
+    the source, eps^2/4 > delta_0^2 + (q L_1/alpha)^2/gamma with \|xi''\| <= L_1 and a factor q > 1, contains delta_0 < eps/2. It
+    is sufficient only: the defaults meet it for L_1 < 0.17, and slide where \|xi''\| is ten times as large.
 
     References
     ----------
@@ -130,7 +131,7 @@ def dual_layer_quasi_smc(sigma, z, tau, eta: Eta = 0.05, alpha: Alpha = 0.9, eps
     Returns
     -------
     float
-        v, of :math:`\dot\sigma = \xi - v`, continuous; needs no bound of the perturbation, and none of its derivative.
+        v, of :math:`\dot\sigma = \xi - v`, continuous; needs no bound of the perturbation.
 
     Notes
     -----

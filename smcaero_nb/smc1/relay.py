@@ -8,7 +8,7 @@ from ..core import Param, block, exceeds
 __all__ = ["quasi_smc", "saturation_smc", "sign", "sign_smc", "tanh_smc"]
 
 Rho = Annotated[float, Param(r"\rho", "[v]", low=0.0, help="gain, larger than the bound of the perturbation", slider=(0.0, 10.0))]
-Layer = Annotated[float, Param(r"\varepsilon", "[sigma]", low=1e-9, log=True, slider=(1e-3, 10.0),
+Layer = Annotated[float, Param(r"\varepsilon", "[sigma]", low=1e-9, log=True, slider=(1e-4, 10.0),
                                help="boundary layer: smaller is more accurate and less smooth")]
 
 

@@ -78,7 +78,8 @@ def twisting(sigma, z, tau,
 
     sigma' contains the control, so an output block cannot give it: it takes a differentiator of order 1, whose bound of the
     second derivative is at least L + alpha_1 + alpha_2. Its sign alone matters; noise in it costs the order of accuracy.
-    While :math:`|v| \ge v_M` the integral lets go slowly, at the rate of v itself.
+    The v of a sample already contains its own step. While :math:`|v| \ge v_M` the integral lets go slowly, at the rate of v
+    itself.
 
     Errata: (22) calls the limit v_m, the text below it v_M. The first inequality of (23),
     :math:`\alpha_1 + \alpha_2 - L > \alpha_1 - \alpha_2 + L`, says no more than :math:`\alpha_2 > L`.

@@ -4,6 +4,7 @@ import math
 import pathlib
 import re
 import threading
+import warnings
 from contextlib import contextmanager
 
 import anywidget
@@ -273,7 +274,12 @@ class Mask(W.VBox):
             if self._quiet:
                 return
             try:
-                self._put(self.target.with_(**{name: value}))
+                with warnings.catch_warnings(record=True) as remarks:
+                    warnings.simplefilter("always")
+                    target = self.target.with_(**{name: value})
+                self._put(target)
+                if remarks:
+                    self.say(f"{remarks[-1].message}.")
             except ParameterError as why:
                 self._rows[name].mark(True)
                 self.say(f"{why}. It stays at {_written(self.values[name])}.", refused=True)

@@ -115,7 +115,9 @@ class Compare(Study):
         if self._quiet:
             return
         if sum(t.value for t in self._toggles.values()) > MOST:
+            self._quiet = True
             change.owner.value = False
+            self._quiet = False
             self._say(f"{MOST} laws at most can be told apart: switch another one off first.", refused=True)
         else:
             self._ask()
@@ -131,7 +133,7 @@ class Compare(Study):
         self.job.ask({n: loops[n] for n, t in self._toggles.items() if t.value}, patience)
 
     def _study(self, loops, progress):
-        runs = {}
+        self.runs, runs = {}, {}
         for i, (name, loop) in enumerate(loops.items()):
             runs[name] = simulate(loop, **self._times, record=ROWS, progress=lambda q, i=i: progress((i + q)/len(loops)))
         self.runs = runs
@@ -155,6 +157,14 @@ class Certificate(Study):
                                                    tooltip="Simulate the loop as set now with five sampling steps")
         self._button.on_click(lambda _: self._ask())
         super().__init__(source, W.HBox([self._button]), "")
+        if self._mask:
+            self._mask.observe(self._stale, "target")
+
+    def _stale(self, _):
+        if self.result and self.job.worker.idle.is_set():
+            now, then = self._mask.target, self.result.loop
+            same = now.name == then.name and (now.p, now.start()) == (then.p, then.start())
+            self._say(self._told if same else f"{self._told} The mask has changed since.")
 
     def measure(self):
         """Measure the loop as set now, wait for it, and return the `Accuracy`."""
@@ -170,9 +180,11 @@ class Certificate(Study):
 
     def _study(self, asked, progress):
         name, loop = asked
+        self.result, self._below.children = None, []
         self.result = accuracy(loop, **self._times, progress=progress)
         self._show(slopes(self.result))
-        return f"{name}: "*(name != "") + self.result.explain(), False
+        self._told = f"{name}: "*(name != "") + self.result.explain()
+        return self._told, False
 
 
 def compare(source):
@@ -200,8 +212,9 @@ def compare(source):
     >>> both = compare({law: smc.applications.double_integrator(law) for law in ("sign_smc", "super_twisting")})
     >>> both.runs["sign_smc"].metrics().turns_u
     """
-    if not isinstance(source, (Live, dict)):
-        raise ParameterError(f"compare: {type(source).__name__} is not allowed; it must be a live plot or {{name: loop}}")
+    loops = source.values() if isinstance(source, dict) else ()
+    if not isinstance(source, (Live, dict)) or not all(isinstance(q, ClosedLoop) for q in loops):
+        raise ParameterError(f"compare: {source!r} is not allowed; it must be a live plot or {{name: loop}}")
     return Compare(source)
 
 
