@@ -76,8 +76,9 @@ def speed(rounds):
     columns = [run.t, run.r, *run.y, *run.e, *run.e_hat, run.sigma, run.v, run.u, run.d, *vars(run.x).values(),
                run.z.surface.integral, run.low.sigma, run.high.sigma, run.low.u, run.high.u, run.integral_v]
     apart = max(np.abs(a - c).max() for a, c in zip(columns, rec.T, strict=True))
-    figures = [run.mean_e[0]*n, run.mean_e[1]*n, run.mean_u*n, *run.tail_e, run.tail_sigma, run.tail_u, run.variation_u]
-    apart_sums = max(abs(a/c - 1.0) for a, c in zip(figures, sums, strict=False))
+    figures = [run.mean_e[0]*n, run.mean_e[1]*n, run.mean_u*n, *run.tail_e, run.tail_sigma, run.tail_u, run.variation_u,
+               run.mean_v*(n + 1)]
+    apart_sums = max(abs(a/c - 1.0) for a, c in zip(figures, np.delete(sums, 8), strict=True))
     median = {name: statistics.median(t) for name, t in times.items()}
     for name, t in times.items():
         print(f"  {name:<14}{median[name]:7.2f} ns/step (fastest {min(t):.2f})")
@@ -135,5 +136,6 @@ if __name__ == "__main__":
     fixed(count)
     laws.each_law(max(3, count//3))
     hosmc.of_each(max(3, count//3))
-    print("All limits hold." if all(held) else "A limit does not hold.")
+    good = "All limits hold." if shutil.which("gcc") else "What needs no C compiler holds; nothing was compared with C."
+    print(good if all(held) else "A limit does not hold.")
     sys.exit(not all(held))

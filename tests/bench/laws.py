@@ -120,9 +120,10 @@ def apart(run, rec, acc):
     """Largest difference between a run and the rows and sums of the C."""
     columns = [run.t, run.r, run.y, run.e, run.e_hat, run.sigma, run.v, run.u, run.d, *vars(run.x).values(),
                *vars(run.z.law).values(), run.low.sigma, run.high.sigma, run.low.u, run.high.u, run.integral_v]
-    figures = [run.mean_e*run.steps, run.mean_u*run.steps, run.tail_e, run.tail_sigma, run.tail_u, run.variation_u]
+    figures = [run.mean_e*run.steps, run.mean_u*run.steps, run.tail_e, run.tail_sigma, run.tail_u, run.variation_u,
+               run.mean_v*(run.steps + 1)]
     return max(*(np.abs(a - b).max() for a, b in zip(columns, rec.T, strict=True)),
-               *(abs(a/b - 1.0) for a, b in zip(figures, acc, strict=False)))
+               *(abs(a/b - 1.0) for a, b in zip(figures, np.delete(acc, 6), strict=True)))
 
 
 def beside_c(rounds):

@@ -38,6 +38,12 @@ def make_lab(port, home):
                 break
             time.sleep(0.1)
         assert found, output.read_text()
+        for _ in range(300):  # it names its address a moment before it listens there
+            try:
+                socket.create_connection(("127.0.0.1", int(found[0].rpartition(":")[2])), timeout=5).close()
+                break
+            except OSError:
+                time.sleep(0.1)
         yield found[0], output
     finally:
         os.killpg(lab.pid, signal.SIGTERM)
