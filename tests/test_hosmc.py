@@ -219,7 +219,9 @@ def test_adaptive_sliders_refuse_nothing(r):
     law = hosmc.adaptive_continuous(r)
     ranges = {n: law.params[n].slider for n in law.params if n.startswith("gamma_") or n in ("alpha", "beta_0")}
     for corner in itertools.product(*ranges.values()):
-        law.with_(**dict(zip(ranges, corner, strict=True)))
+        there = law.with_(**dict(zip(ranges, corner, strict=True))).values
+        assert np.all(np.roots([1.0, *(there[f"gamma_{i}"] for i in range(r, 0, -1))]).real < 0.0)
+        assert there["alpha"]*there["beta_0"] < 1.0
 
 
 def test_adaptive_gain_comes_down_again():

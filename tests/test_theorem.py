@@ -123,3 +123,16 @@ def test_a_law_of_ones_own_declares_its_theorem():
 
     run = simulate(perturbed_chain(own, 1), record=1000)
     assert run.doubts() == ["xi = 0.8"]
+
+
+def test_an_input_matrix_that_comes_near_to_singular_is_named():
+    def regular(y):
+        return (2.0, 0.1*y[1][0]), (0.0, 1.0)
+
+    def nearly(y):
+        return (2.0, 1.0), (2.0, 1.0 + 1e-6*(1.0 + y[0][0]*y[0][0]))
+
+    loop = loop_of_two(smc1.unit_vector, a=0.5)
+    assert simulate(loop.with_(allocation=smc1.decoupling(regular)), 1.0, 1e-2, jit=False).doubts() == []
+    why = simulate(loop.with_(allocation=smc1.decoupling(nearly)), 1.0, 1e-2, jit=False).doubts()
+    assert why[0].startswith("G0(y) comes near to singular (condition number ")

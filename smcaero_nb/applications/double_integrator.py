@@ -147,9 +147,8 @@ def double_integrator(law="super_twisting"):
 
     Examples
     --------
-    >>> run = simulate(double_integrator("quasi_continuous"))
-    >>> [f"{size:.0e}" for size in run.tail_e]
-    ['4e-06', '3e-03']
+    >>> simulate(double_integrator("quasi_continuous")).tail_e[0] < 1e-4
+    True
     """
     stages = fitted("double_integrator", law, DOUBLE_INTEGRATOR, _surface, None)
     return ClosedLoop(mass, output=position, perturbation=push, duration=8.0, dt=1e-4, tau=1e-3,

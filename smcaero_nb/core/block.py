@@ -38,7 +38,7 @@ class Block:
     check : function or None
         What the values have to satisfy together.
     theorem : function or None
-        What a law's theorem assumes of the perturbation.
+        What a law's theorem assumes of the perturbation, or an allocation of the output.
     r : int or None
         Relative degree that a law of (sigma, sigma', ...) is for.
     """
@@ -173,7 +173,8 @@ def block(f=None, *, state=None, check=None, theorem=None, r=None):
         allowed by itself, and returns None, or the sentence that says which condition does not hold.
     theorem : function, optional
         Of a law: what its theorem assumes of the perturbation. It is given ``{name: value}`` and the greatest \|xi\| and
-        \|xi'\| of a run, and returns None, or the sentence that says which condition does not hold; see `Run.doubts`.
+        \|xi'\| of a run, and returns None, or the sentence that says which condition does not hold; see `Run.doubts`. Of an
+        allocation: it is given the values and a list of outputs y of the run.
     r : int, optional
         Of a law that sees a tuple (sigma, sigma', ...): the relative degree it is for, if it is one law and not one for several
         inputs; default: as many as it sees.

@@ -6,6 +6,7 @@ from .signal import flat
 
 __all__ = ["degree", "doubts", "exceeds", "laws", "perturbation"]
 
+ROWS = 50  # at which an allocation's condition is looked at
 MARGIN = 1.001  # a bound that is met to within this is met
 
 
@@ -40,6 +41,11 @@ def laws(run):
     if parts is None:
         return [(law, run.sigma, run.v, run.integral_v)]
     return list(zip(parts.values(), run.sigma, run.v, run.integral_v, strict=True))
+
+
+def _row(s, i):
+    """A recorded signal at one row."""
+    return tuple(_row(q, i) for q in s) if isinstance(s, tuple) else float(s[i])
 
 
 def degree(b, sigma, v):
@@ -92,10 +98,14 @@ def doubts(run):
     may perturb more. One that is large for a single row, as when a command jumps, does not count. Faster changes than the
     recorded rows are averaged out.
     """
+    law, allocation, said = run.loop.stages["law"], run.loop.stages["allocation"], []
+    if getattr(allocation, "theorem", None):
+        rows = np.unique(np.linspace(0, len(run.t) - 1, ROWS).astype(int))
+        why = allocation.theorem(dict(allocation.values), [_row(run.y, i) for i in rows])
+        said += [why] if why else []
     half = len(run.t)//2
     if run.xi is None or half < 6:
-        return []
-    law, said = run.loop.stages["law"], []
+        return said
     xis = run.xi if hasattr(law, "parts") else (run.xi,)
     for (b, *_), xi, channel in zip(laws(run), xis, getattr(law, "parts", [""]), strict=True):
         if b.theorem is None:

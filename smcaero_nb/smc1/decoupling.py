@@ -59,8 +59,8 @@ def decoupling(G0):
     -----
     The equations are solved at every sample by elimination with row exchanges. A matrix of numbers warns (`UserWarning`)
     where it is nearly singular: condition number above 1e4 with its rows and columns scaled to 1. A function is called at
-    every sample and not looked at before: where it is exactly singular u is not a number, and the run ends there with
-    `Run.diverged_at`; where it is nearly singular u is large, which `Run.max_u` shows.
+    every sample: where it is nearly singular, by the same measure, `Run.doubts` and the mask say so; where it is exactly
+    singular u is not a number, and the run ends there with `Run.diverged_at`.
 
     With another input matrix G in the plant, (I - G G0^-1) v is added to xi. Unit vector control holds it if
     ``(G - G0) G0^-1`` is less than gamma < 1 in norm and rho > L/(1 - gamma); laws channel by channel, of equal gains, if
@@ -82,8 +82,12 @@ def decoupling(G0):
         def law(v, y):
             return solved(G0(y), v)
 
+        def near(values, ys):
+            size = max(condition(np.array(G0(y), float)) for y in ys)
+            return f"G0(y) comes near to singular (condition number {size:.1e})" if size > NEAR else None
+
         law.__name__, law.__doc__ = "decoupling", decoupling.__doc__
-        return block(law)
+        return block(theorem=near)(law)
     try:
         G = np.atleast_2d(np.array(G0, float))
     except (TypeError, ValueError):
