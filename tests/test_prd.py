@@ -495,13 +495,65 @@ def test_bad_settings_are_named(settings, said):
         prd.identify((T, Y, 0.0, 1.0), **settings)
 
 
+@pytest.mark.parametrize("window", np.geomspace(0.01, 30.0, 12))
+def test_an_unstable_plant_has_its_relative_degree_or_none(window):
+    """y = 1/((s + 1)(s - 2)): beyond its time constant every derivative grows alike, and none steps."""
+    assert prd.identify(control.tf([1.0], [1.0, -1.0, -2.0]), window=window).prd in ((2,) if window < 0.2 else (2, None))
+
+
+def test_noise_is_added_seeded_and_heard():
+    results = [prd.identify(lags(2), noise=1e-3) for _ in range(2)]
+    assert np.array_equal(results[0].y, results[1].y) and results[0].prd == 2
+    assert results[0].noise_floor == pytest.approx(1e-3, rel=0.3)
+    with pytest.raises(ParameterError, match="noise = 2 is not allowed"):
+        prd.identify(lags(2), noise=2.0)
+
+
+def test_an_experiment_is_an_identification_with_a_sweep():
+    e = prd.experiment(lv.transfer_function())
+    assert list(e.params) == ["window", "amplitude", "alpha", "noise"] and not e.signals
+    probe = e.with_(window=0.3)()
+    assert (probe.result.prd, str(probe)) == (3, str(prd.identify(lv.transfer_function(), window=0.3)))
+    assert probe.sweep.windows[0] == 1e-3 and set(probe.sweep.prd) >= {5, 4, 3, 2}
+    record = prd.experiment(tuple(q for q in (T, T.clip(0.0)**2, 0.0, 1.0)))
+    assert record().result.prd == 2 and record().result.confirmed and set(record().sweep.prd) == {2}
+    assert record.with_(found=False, window=0.5)().result.time_scale == 0.5
+    with pytest.raises(ParameterError, match="window = 9 s is not allowed"):
+        record.with_(found=False, window=9.0)()
+    assert prd.experiment(runaway)().sweep.windows[-1] < 1.0  # it diverges in longer ones
+
+
+@block(state=dict(a=0.0))
+def runaway(x, u, d):
+    return (50.0*x[0] + u + d,)
+
+
+def test_stiff_models_are_stepped_finely_enough():
+    """The motor's current settles in 1 ms: seen from 1 s it is gone, and the speed has settled as well."""
+    lag = prd.identify(control.tf([1.0], np.polymul([1.0, 1.0], [1e-4, 1.0])), window=0.2)
+    fast = control.nlsys(lambda t, x, u, p: np.array([-x[0] + x[1], -1e4*(x[1] - u[0])]), lambda t, x, u, p: x[:1], inputs=1,
+                         outputs=1, states=2)
+    assert prd.identify(fast, window=0.2).prd == lag.prd == 1
+    assert prd.identify(fast, window=0.2).y == pytest.approx(lag.y, abs=1e-6)
+    p = motor.values
+    exact = control.tf([p["k"]], [p["J"]*p["L"], p["J"]*p["R"], p["k"]**2])
+    for window in (1e-4, 0.1):
+        stepped, wanted = prd.identify(motor, output=speed, window=window), prd.identify(exact, window=window)
+        assert stepped.y == pytest.approx(wanted.y, abs=1e-6*abs(wanted.y).max())
+    assert prd.identify(motor, output=speed, window=1e-5).prd == 2
+
+
 def test_bad_settings_of_models_are_named():
     with pytest.raises(ParameterError, match=r"amplitude = 0 \[u\] is not allowed"):
         prd.identify(lags(1), amplitude=0.0)
     with pytest.raises(ParameterError, match=r"x0 has the shape \(2,\)"):
         prd.identify(control.nlsys(lambda t, x, u, p: -x + u, None, inputs=1, states=1), x0=(1.0, 2.0))
-    with pytest.raises(ParameterError, match="shorter window"):
-        prd.identify(motor, output=speed, window=1.0)  # too stiff for steps of 5 ms
+    with pytest.raises(ParameterError, match="runaway diverges .* s after the step; take a shorter window"):
+        prd.identify(runaway, window=1.0)
+    with pytest.raises(ParameterError, match="window = 100 s is not allowed for motor, .* it must be at most"):
+        prd.identify(motor.with_(L=1e-6), output=speed, window=100.0)
+    with pytest.raises(ParameterError, match="window = 100 s is not allowed for fast, whose fastest time constant is 0.001 s"):
+        prd.identify(control.nlsys(lambda t, x, u, p: -1e3*x + u, None, inputs=1, states=1, name="fast"), window=100.0)
     with pytest.raises(BlockError, match="works with no number of inputs"):
         prd.identify(block(state=dict(a=(0.0, smc.Param())))(lambda x, u, d: (x[5],)))
     with pytest.raises(ParameterError, match="output and surface are for a plant block or a loop"):

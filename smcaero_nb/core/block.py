@@ -30,7 +30,7 @@ class Block:
     params, states : dict of str to Param
         Metadata.
     kinds : dict of str to type
-        float, int or bool, of each parameter.
+        float, int, bool or a Literal of texts, of each parameter.
     values : dict
         Values of the parameters and initial values of the states.
     output : Param, tuple or None
@@ -91,7 +91,8 @@ class Block:
         return self.f(*args, **{**{n: self.values[n] for n in rest}, **params})
 
     def __repr__(self):
-        say = (f"{n}={self.values[n]:g}" + (f" {m.unit}" if m.unit != "1" else "") for n, m in self.settable.items())
+        say = (f"{n}={v if isinstance(v := self.values[n], str) else f'{v:g}'}" + (f" {m.unit}" if m.unit != "1" else "")
+               for n, m in self.settable.items())
         return f"{self.name}({', '.join(say)})"
 
     def content(self):
@@ -163,9 +164,10 @@ def block(f=None, *, state=None, check=None, theorem=None, r=None):
     ----------
     f : function
         Arguments without a default are signals, wired by name; arguments with one are parameters, and their
-        annotation ``Annotated[float, Param(...)]`` says what a mask and a validation need. It may use floats,
+        annotation ``Annotated[float, Param(...)]`` says what a mask and a validation need. A stage of a loop may use floats,
         tuples, `math` and other plain functions; write ``x*x`` rather than ``x**2`` where compiled and plain runs
-        must agree to the last bit.
+        must agree to the last bit. What a mask only calls (`ui.live`) may be anything, and have parameters that are a choice:
+        ``Annotated[Literal["a", "b"], Param(...)]``.
     state : dict, optional
         ``{name: initial value}`` or ``{name: (initial value, Param)}``.
     check : function, optional

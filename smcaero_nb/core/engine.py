@@ -66,6 +66,8 @@ class ClosedLoop:
         for stage, b in self.stages.items():
             if not isinstance(b, Block if stage == "plant" else (Block, Channels, type(None))):
                 raise BlockError(f"{stage} must be a block (a function under @block), not {b!r}")
+            if chosen := [n for n, k in (b.kinds if b else {}).items() if k not in (float, int, bool)]:
+                raise BlockError(f"{stage} '{b.name}': {chosen[0]} is a choice of texts; a stage has numbers and switches only")
 
     def with_(self, **changes):
         """Return a copy with changes.

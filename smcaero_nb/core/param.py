@@ -6,6 +6,7 @@ import math
 import numbers
 import sys
 from dataclasses import dataclass
+from typing import get_args
 
 __all__ = ["Param", "ParameterError", "declared", "positive", "unknown"]
 
@@ -43,7 +44,11 @@ class Param:
     slider: tuple = ()
 
     def check(self, owner, name, value, kind=float):
-        """Return `value` as `kind` (float, int or bool) if it is allowed, else raise `ParameterError`."""
+        """Return `value` as `kind` (float, int, bool or a Literal) if it is allowed, else raise `ParameterError`."""
+        if choices := get_args(kind):
+            if value in choices:
+                return value
+            raise ParameterError(f"{owner}: {name} = {value!r} is not allowed; it must be one of {', '.join(map(repr, choices))}")
         if kind is bool:
             if isinstance(value, bool) or type(value).__name__ == "bool":
                 return bool(value)
@@ -92,8 +97,8 @@ def declared(f):
             signals.append(name)
             continue
         params[name] = _meta(a.annotation) or Param()
-        kind = getattr(a.annotation, "__origin__", a.annotation)
-        kinds[name] = kind if kind in (int, bool, float) else bool if isinstance(a.default, bool) else float
+        kind = a.annotation.__origin__ if hasattr(a.annotation, "__metadata__") else a.annotation
+        kinds[name] = kind if kind in (int, bool, float) or get_args(kind) else bool if isinstance(a.default, bool) else float
         values[name] = params[name].check(f.__name__, name, a.default, kinds[name])
     return tuple(signals), params, kinds, values, _meta(signature.return_annotation)
 

@@ -5,5 +5,6 @@ from .observer import observer
 from .recorded import differentiate
 from .sampled import differentiator
 from .table import LAMBDA
+from .trial import Signal, Trial, read_csv, trial
 
-__all__ = ["LAMBDA", "differentiate", "differentiator", "lipschitz", "observer"]
+__all__ = ["LAMBDA", "Signal", "Trial", "differentiate", "differentiator", "lipschitz", "observer", "read_csv", "trial"]

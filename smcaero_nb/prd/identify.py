@@ -20,7 +20,9 @@ SHORTEST = 40  # samples in a window, at least
 REST = 0.05  # drift before the step, relative to the response, from which the plant was not at rest
 FINE = 1e-9  # noise relative to the response, below which the sixth difference may show the response itself
 ALONE = 0.05  # noise of the derivative that steps, up to which the analyser is believed against the power law
+STEPPED = 2.0  # slope of z_(k-1) at once after the step, relative to later, from which z_(k-1) has itself stepped
 ONSET = 0.2  # distance of the slope, extrapolated to the step, from the whole number it names
+ALPHA, NOISE = Param(low=0.01, high=0.5), Param(low=0.0, high=1.0)
 DEFAULT = 0.02  # window of models [s]: the paper's record of eq (7), sampled every 1e-4 s, has 200 samples in it
 
 
@@ -67,10 +69,14 @@ def _at(record, window, alpha):
         analysis = analyse(t, away, start, n, alpha)
     a, b = analysis.prd, power.prd
     prd, confirmed = a or b, a is not None and a == b
-    if a and b and not confirmed and analysis.noise[a - 1] > ALONE:
-        prd = None
-    if not (why or confirmed):
-        why = "; ".join(f"{m}: {said}" for m, said in (("analyser", analysis.reason or f"PRD {a}"), (
+    if prd and not confirmed:
+        quiet, bends = analysis.noise[prd - 1] <= ALONE, analysis.bends[:prd]
+        if quiet and not (a and bends == sorted(bends) and bends[-1] <= STEPPED):
+            prd, why = None, "no derivative steps as it would from rest: within the window the plant goes its own way; "
+        elif a and b and not quiet:
+            prd = None
+    if analysis.jumps and not confirmed:
+        why += "; ".join(f"{m}: {said}" for m, said in (("analyser", analysis.reason or f"PRD {a}"), (
             "power law", power.reason or f"PRD {b}, slope {power.slope:.2f}")))
     gain = np.nan
     if prd and prd == b:  # y r!/t^r, extended to t = 0 by a straight line
@@ -99,7 +105,7 @@ def _searched(record, alpha):
                    f"{said}); give a window, or a record with less noise or more samples")
 
 
-def identify(source, *, output=None, surface=None, window=None, alpha=0.1, amplitude=1.0, x0=None):
+def identify(source, *, output=None, surface=None, window=None, alpha=0.1, amplitude=1.0, noise=0.0, x0=None):
     r"""Identify the practical relative degree (PRD): the lowest derivative of the output that steps with the input.
 
     A step is fed to the input at :math:`\tau`, and the output is differentiated until a derivative steps. Two methods look
@@ -132,6 +138,8 @@ def identify(source, *, output=None, surface=None, window=None, alpha=0.1, ampli
         Share of its excursion that a derivative may still lack at the end of the window, 0.01 to 0.5.
     amplitude : float
         Height of the step that a model is given [u], not 0.
+    noise : float
+        White noise to add to the output, as a share of its range, 0 to 1: how much of it can the answer stand? Seeded.
     x0 : array_like, optional
         State that a `NonlinearIOSystem` starts from, zeros unless given; a block starts from its initial states.
 
@@ -152,7 +160,8 @@ def identify(source, *, output=None, surface=None, window=None, alpha=0.1, ampli
     -----
     **The PRD belongs to a time scale**: a lag much shorter than the window is not seen, one much longer is an integrator.
     Where some time constant is of the size of the window (0.3 to 3 of it) the two methods often disagree, and the answer is
-    the analyser's, unconfirmed. See `sweep`.
+    the analyser's, unconfirmed, if the slopes of the derivatives below fit a step; where they do not, as for an unstable plant
+    seen for longer than its time constant, there is none. See `sweep`.
 
     High orders can be told by the analyser only from records that are nearly free of noise: for orders 1 to 5, with 200 samples
     in a window, noise of 1e-2, 3e-4, 1e-4, 1e-5, 1e-6 of the response. The power law stands 1e-3 for all of them. Where the
@@ -177,8 +186,9 @@ def identify(source, *, output=None, surface=None, window=None, alpha=0.1, ampli
     >>> print(identify(smc.lv.transfer_function()))
     The experimentally determined PRD is equal to 5
     """
-    alpha = Param(low=0.01, high=0.5).check("prd.identify", "alpha", alpha)
+    alpha = ALPHA.check("prd.identify", "alpha", alpha)
     window = None if window is None else positive("prd.identify", "window", window)
+    noise = NOISE.check("prd.identify", "noise", noise)
     if isinstance(source, tuple):
         if len(source) != 4:
             raise ParameterError(f"prd.identify: source has {len(source)} parts; it must be (t, y, step_time, amplitude)")
@@ -186,11 +196,19 @@ def identify(source, *, output=None, surface=None, window=None, alpha=0.1, ampli
     if (output or surface) and not isinstance(source, (Block, ClosedLoop)):
         raise ParameterError("prd.identify: output and surface are for a plant block or a loop; this source has its own output")
     if isinstance(source, Record):
-        return _at(source, window, alpha) if window else _searched(source, alpha)
+        return _judged([[source]], window, alpha, noise)
     if Param(unit="[u]").check("prd.identify", "amplitude", amplitude) == 0.0:
         raise ParameterError("prd.identify: amplitude = 0 [u] is not allowed; without a step there is no response")
     window = window or DEFAULT
-    rows = [[_at(q, window, alpha) for q in row] for row in responses(source, output, surface, window, amplitude, x0)]
+    return _judged(responses(source, output, surface, window, amplitude, x0), window, alpha, noise)
+
+
+def _judged(records, window, alpha, noise):
+    """The result for [output][input] of records, with white noise added."""
+    rng = np.random.default_rng(0)
+    if noise:
+        records = [[replace(q, y=q.y + noise*np.ptp(q.y)*rng.standard_normal(len(q.y))) for q in row] for row in records]
+    rows = [[_at(q, window, alpha) if window else _searched(q, alpha) for q in row] for row in records]
     if len(rows) == len(rows[0]) == 1:
         return rows[0][0]
     acting = [[q for q in row if q.noise_floor == q.noise_floor] for row in rows]  # without those that do not respond

@@ -1,5 +1,6 @@
 """Step responses of models: plant blocks, loops, systems of python-control."""
 
+import math
 import sys
 
 import numpy as np
@@ -14,6 +15,8 @@ __all__ = ["responses"]
 SAMPLES = 200  # in one window
 REST, MOTION = 250, 260  # before and after the step
 INPUTS = 8  # most inputs that a plant block is tried with
+FINE = 2.0  # integration steps in the fastest time constant of a model, at least
+COMPILED, PLAIN = 20000, 100  # at most in one sample
 
 
 def responses(source, output, surface, window, amplitude, x0):
@@ -33,6 +36,18 @@ def responses(source, output, surface, window, amplitude, x0):
     many = len(runs[0]) > 1 or len(runs) > 1
     return [[Record(t, y, 0.0, amplitude, name=f"{name}, input {j + 1} to output {i + 1}" if many else name)
              for j, y in enumerate(row)] for i, row in enumerate(np.swapaxes(runs, 0, 1))]
+
+
+def _finer(name, f, x, h, most):
+    """Integration steps in one sample: enough for the fastest mode of x' = f(x), linearised at the start."""
+    x, rate = np.array(x, float), np.array(f(np.array(x, float)), float)
+    steps = 1e-6*(1.0 + np.abs(x))
+    jacobian = np.column_stack([(np.array(f(x + s*e), float) - rate)/s for s, e in zip(steps, np.eye(len(x)), strict=True)])
+    fastest = np.abs(np.linalg.eigvals(jacobian)).max() if np.isfinite(jacobian).all() else 0.0
+    if FINE*h*fastest > most:
+        raise ParameterError(f"prd.identify: window = {SAMPLES*h:.3g} s is not allowed for {name}, whose fastest time constant "
+                             f"is {1/fastest:.3g} s; it must be at most {SAMPLES*most/FINE/fastest:.3g} s")
+    return max(1, math.ceil(FINE*h*fastest))
 
 
 # ---- each gives [input][output] of arrays of REST + MOTION samples ---------------------------------------------------
@@ -59,18 +74,23 @@ def _nonlinear(source, h, amplitude, x0):
     if x0.shape != (source.nstates,):
         raise ParameterError(f"prd.identify: x0 has the shape {x0.shape}; source '{source.name}' has {source.nstates} states")
 
+    free = np.zeros(source.ninputs)
+    m = _finer(source.name, lambda x: source.dynamics(0.0, x, free), x0, h, PLAIN)
+    dt = h/m
+
     def moved(u):
         x, ys = x0, []
-        for k in range(REST + MOTION):
-            t, w = k*h, u*(k >= REST)
-            ys.append(np.atleast_1d(source.output(t, x, w)))
+        for k in range((REST + MOTION)*m):
+            t, w = k*dt, u*(k >= REST*m)
+            if k % m == 0:
+                ys.append(np.atleast_1d(source.output(t, x, w)))
             a = source.dynamics(t, x, w)
-            b = source.dynamics(t + h/2, x + h/2*a, w)
-            c = source.dynamics(t + h/2, x + h/2*b, w)
-            x = x + h/6*(a + 2*b + 2*c + source.dynamics(t + h, x + h*c, w))
+            b = source.dynamics(t + dt/2, x + dt/2*a, w)
+            c = source.dynamics(t + dt/2, x + dt/2*b, w)
+            x = x + dt/6*(a + 2*b + 2*c + source.dynamics(t + dt, x + dt*c, w))
         return np.array(ys).T
 
-    free = moved(np.zeros(source.ninputs))
+    free = moved(free)
     return [moved(amplitude*e) - free for e in np.eye(source.ninputs)]
 
 
@@ -89,7 +109,7 @@ def _shapes(plant):
 
 
 def _block(source, output, surface, h, amplitude):
-    """The block in its loop, the law replaced by the step; Runge and Kutta's fourth order."""
+    """The block in its loop, the law replaced by the step; Runge and Kutta's fourth order, compiled where steps are many."""
     if isinstance(source, ClosedLoop):
         stages, plant = source.stages, source.stages["plant"]
         output, surface = output or stages["output"], surface or stages["surface"]
@@ -97,19 +117,22 @@ def _block(source, output, surface, h, amplitude):
         plant, output = source, output or getattr(source, "y", None)
     u, d = _shapes(plant)
     m = len(u) if isinstance(u, tuple) else 1
+    finer = _finer(plant.name, lambda x: plant(*({"t": 0.0, "x": tuple(x), "u": u, "d": d}[n] for n in plant.signals)),
+                   plant.z0, h, COMPILED)
+    heights = [f"u_{j}" for j in range(m)]
+    names = {}
+    exec(f"def step(t, start=0.0, {', '.join(f'{q}=0.0' for q in heights)}):\n    on = 1.0 if t >= start else 0.0\n"
+         f"    return {', '.join(f'on*{q}' for q in heights)}", names)
+    loop = ClosedLoop(plant, output=output, surface=surface, law=block(names["step"]).with_(start=(REST - 0.5)*h),
+                      perturbation=block(lambda t: d))
 
-    def moved(stepped, height):
-        def step(t):
-            now = tuple(height if j == stepped and t >= (REST - 0.5)*h else 0.0 for j in range(m))
-            return now if m > 1 else now[0]
-
-        loop = ClosedLoop(plant, output=output, surface=surface, law=block(step), perturbation=block(lambda t: d))
-        run = simulate(loop, (REST + MOTION)*h, h, method="rk4", record=REST + MOTION, jit=False)  # few steps: no compiler
+    def moved(**height):
+        run = simulate(loop.with_(**height), (REST + MOTION)*h, h/finer, h, method="rk4", record=REST + MOTION, jit=finer > 4)
         if run.diverged_at is not None:
             raise ParameterError(f"prd.identify: {plant.name} diverges {run.diverged_at - REST*h:.3g} s after the step; take a "
                                  "shorter window or a smaller amplitude")
         s = run.sigma if surface else run.y
         return np.array(heads(s, m > 1 and isinstance(s, tuple)))[:, :REST + MOTION]
 
-    free = moved(0, 0.0)
-    return plant.name, [moved(j, amplitude) - free for j in range(m)]
+    free = moved()
+    return plant.name, [moved(**{f"law__u_{j}": amplitude}) - free for j in range(m)]

@@ -1,22 +1,17 @@
 """Records of a step response: what is measured, checked before it is used; records from CSV files."""
 
-import csv
 import math
-import pathlib
-import re
 from dataclasses import dataclass
 
 import numpy as np
 
-from ..core import Param, ParameterError
+from ..core import Param, ParameterError, Table
 
 __all__ = ["Record", "read_csv"]
 
 BEFORE = 20  # samples before the step, at least
 AFTER = 50  # samples after it
 JITTER = 0.1  # of a sampling step, by which a time may miss the even grid
-DELIMITERS = {",": "comma", ";": "semicolon", "\t": "tab", None: "blank"}
-SECONDS = {"": 1.0, "s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "min": 60.0, "h": 3600.0}
 
 
 def refuse(name, said):
@@ -111,27 +106,12 @@ class Record:
                               f"{self.t[-1]:g} s; step of {self.amplitude:g} at {self.step_time:g} s")
 
 
-# ---- CSV -------------------------------------------------------------------------------------------------------------
-def _column(field):
-    """Name and unit of a column: 'time [ms]', 'theta (rad)', 'u'."""
-    name, unit = re.match(r"([^\[(]*)(?:[\[(]([^\])]*))?", field).groups()
-    return name.strip(), (unit or "").strip()
-
-
-def _number(field, sep):
-    """A field as a number, NaN where it is none; a comma is the decimal point where it separates nothing."""
-    try:
-        return float(field if sep == "," else field.replace(",", "."))
-    except ValueError:
-        return math.nan
-
-
 def read_csv(path, t=None, y=None, u=None, *, step_time=None, amplitude=None):
     """Read the record of a step response from a text file.
 
     Parameters
     ----------
-    path : str or path
+    path : str, path or open file
         Lines of numbers with commas, semicolons, tabs or blanks between them, under a line of names; lines that begin with
         ``#`` or ``%`` are passed over. A unit stands in brackets behind the name: ``time [ms]``, ``theta (rad)``.
     t, y, u : str, optional
@@ -155,65 +135,25 @@ def read_csv(path, t=None, y=None, u=None, *, step_time=None, amplitude=None):
     -----
     With semicolons, tabs or blanks a comma in a number is its decimal point. Not in the paper.
     """
-    file = pathlib.Path(path)
-
-    def refuse(said, line=0):
-        raise ParameterError(f"prd.read_csv: {file.name}" + f", line {line}"*(line > 0) + f": {said}") from None
-
-    try:
-        text = file.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as why:
-        refuse(f"cannot be read: {why}")
-    lines = [(i, q) for i, q in enumerate(text.splitlines(), 1) if q.strip() and q.strip()[0] not in "#%"]
-    if len(lines) < 2:
-        refuse("a line of names and lines of numbers are needed")
-    top, head = lines[0]
-    sep = max(";\t,", key=head.count)
-    sep = sep if sep in head else None  # blanks
-    rows = [(i, q.split() if sep is None else [f.strip() for f in next(csv.reader([q], delimiter=sep))]) for i, q in lines]
-    columns = [_column(q) for q in rows[0][1]]
-    names = [n for n, _ in columns]
-    if any(math.isfinite(_number(q, sep)) for q in names):
-        refuse(f"the first line must hold the names of the columns, not numbers ({', '.join(names[:4])})", top)
-    if len(columns) < 2:
-        refuse(f"only one column ('{names[0]}') was found; time and output are needed", top)
-    if len(columns) > 3 and (t is None or y is None):
-        refuse(f"there are {len(columns)} columns ({', '.join(names)}): say which are t and y, and u where there is an input")
-    chosen = {"t": t or names[0], "y": y or names[1], "u": u or (names[2] if len(columns) == 3 and not y else None)}
-    at = {}
-    for what, n in chosen.items():
-        if n is not None and n not in names:
-            refuse(f"{what} = {n!r} is not there; the columns are {', '.join(names)}", top)
-        if n is not None:
-            at[what] = names.index(n)
-    data = {what: np.empty(len(rows) - 1) for what in at}
-    for k, (i, fields) in enumerate(rows[1:]):
-        if len(fields) != len(columns):
-            refuse(f"{len(fields)} columns, but the names are {len(columns)}; the delimiter is {DELIMITERS[sep]}", i)
-        for what, j in at.items():
-            data[what][k] = _number(fields[j], sep)
-            where = f"column {j + 1} ('{names[j]}'): "
-            if not math.isfinite(data[what][k]):
-                refuse(f"{where}{fields[j]!r} is not a finite number", i)
-            if what == "t" and k and data["t"][k] <= data["t"][k - 1]:
-                refuse(f"{where}{fields[j]} after {rows[k][1][j]}; times must increase", i)
-    unit = columns[at["t"]][1]
-    if unit not in SECONDS:
-        refuse(f"the unit of time [{unit}] is not known; it must be one of {', '.join(filter(None, SECONDS))}", top)
-    seconds, until = data["t"]*SECONDS[unit], math.inf
-    if "u" in at:
-        changes = np.flatnonzero(np.diff(data["u"])) + 1
+    table = Table("prd.read_csv", path)
+    if len(table.names) > 3 and not (t and y):
+        table.refuse(f"there are {len(table.names)} columns ({', '.join(table.names)}): say which are t and y, and u where there "
+                     "is an input")
+    u = u or (table.names[2] if len(table.names) == 3 and not y else None)
+    t, y = t or table.names[0], y or table.names[1]
+    seconds, (output, _), until = table.times(t), table.column("y", y), math.inf
+    if u:
+        values, _ = table.column("u", u)
+        changes = np.flatnonzero(np.diff(values)) + 1
         changes = changes[seconds[changes] >= (-math.inf if step_time is None else step_time - 1e-9)]
         if len(changes):
             step_time = seconds[changes[0]] if step_time is None else step_time
-            amplitude = data["u"][changes[0]] - data["u"][changes[0] - 1] if amplitude is None else amplitude
+            amplitude = values[changes[0]] - values[changes[0] - 1] if amplitude is None else amplitude
             until = seconds[changes[1]] if len(changes) > 1 else until
         elif step_time is None or amplitude is None:
-            refuse(f"the input '{names[at['u']]}' never changes: there is no step")
+            table.refuse(f"the input '{u}' never changes: there is no step")
     elif step_time is None:
-        refuse("there is no column of the input: give step_time [s]")
+        table.refuse("there is no column of the input: give step_time [s]")
     amplitude = 1.0 if amplitude is None else amplitude
-    said = ", ".join(f"{what} = '{names[j]}' [{columns[j][1] or ('s' if what == 't' else '?')}]" for what, j in at.items())
-    about = (f"{file.name}: {len(rows) - 1} rows, {len(columns)} columns, delimiter {DELIMITERS[sep]}; {said}; step of "
-             f"{amplitude:g} at {step_time:g} s")
-    return Record(seconds, data["y"], step_time, amplitude, until, file.stem, about)
+    about = f"{table.about(t=t, y=y, u=u)}; step of {amplitude:g} at {step_time:g} s"
+    return Record(seconds, output, step_time, amplitude, until, table.name, about)

@@ -6,6 +6,7 @@ import re
 import threading
 import warnings
 from contextlib import contextmanager
+from typing import get_args
 
 import anywidget
 import ipywidgets as W
@@ -80,13 +81,15 @@ def _written(value):
 
 
 class _Row:
-    """Slider and text entry of one number, or the checkbox of a switch; `asked` is called with what a person asks for."""
+    """Slider and text entry of one number, the checkbox of a switch, or a list; `asked` is called with what a person asks for."""
 
     def __init__(self, name, meta, value, kind, asked, shared):
         say = dict(description=label(name, meta), tooltip=meta.help)
         self.meta, self.kind, self.entry = meta, kind, None
         if kind is bool:
             self.widget = self.box = W.Checkbox(value, indent=False, layout=shared["layout"], **say)
+        elif get_args(kind):
+            self.widget = self.box = W.Dropdown(options=get_args(kind), value=value, layout=shared["layout"], **say)
         else:
             low, high = _span(meta, value)
             say |= dict(readout=False, layout=shared["layout"], style=shared["slider"])
@@ -121,7 +124,7 @@ class _Row:
         """The slider's value, without the digits that a step does not mean; its ends are the bounds, whatever they round to."""
         if self.entry and self.from_page():
             v = self.kind(f"{v:.3g}" if isinstance(self.widget, W.FloatLogSlider) else f"{v:.6g}")
-        return v if self.kind is bool else min(max(v, self.meta.low), self.meta.high)
+        return min(max(v, self.meta.low), self.meta.high) if self.entry else v
 
     def typed(self, text):
         """The number that the text says, or the text, which validation then refuses in words."""
@@ -131,7 +134,7 @@ class _Row:
             return text.strip()
 
     def show(self, value):
-        """Show a value; what was typed stays as it is if it says the same, and the slider stops at its ends."""
+        """Show a value; what was typed stays as it is if it says the same, and the slider is at the next of its steps."""
         self.mark(False)
         self.value = value
         if self.entry is None:
@@ -141,10 +144,11 @@ class _Row:
             self.entry.value = _written(value)
         if self.from_page():
             return  # the handle is where the hand is; an answer would pull it back
-        low, high = self.widget.min, self.widget.max
-        if isinstance(self.widget, W.FloatLogSlider):
-            low, high = 10.0**low, 10.0**high
-        self.widget.value = min(max(value, low), high)
+        w, place = self.widget, self.place(value)*self.widget.step
+        if w.min < place < w.max:  # on one of its steps, so that the page has nothing to answer
+            place = float(f"{w.min + w.step*round((place - w.min)/w.step):.12g}")
+        place = min(max(place, w.min), w.max)
+        w.value = 10.0**place if isinstance(w, W.FloatLogSlider) else self.kind(place)
 
     def mark(self, refused):
         """Mark the entry as refused, or not."""

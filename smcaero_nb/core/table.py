@@ -1,0 +1,116 @@
+"""Text files of numbers: columns by name, with errors that name line and column."""
+
+import csv
+import math
+import pathlib
+import re
+
+import numpy as np
+
+from .param import ParameterError
+
+__all__ = ["Table"]
+
+DELIMITERS = {",": "comma", ";": "semicolon", "\t": "tab", None: "blank"}
+SECONDS = {"": 1.0, "s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "min": 60.0, "h": 3600.0}
+
+
+class Table:
+    """Lines of numbers under a line of names.
+
+    Commas, semicolons, tabs or blanks stand between the numbers; lines that begin with ``#`` or ``%`` are passed over, and a
+    unit stands in brackets behind the name: ``time [ms]``, ``theta (rad)``. With semicolons, tabs or blanks a comma in a number
+    is its decimal point.
+
+    Parameters
+    ----------
+    owner : str
+        Who reads, for messages.
+    source : str, path or open file
+        A file, of text or bytes; an open one is named by its attribute `name`.
+
+    Attributes
+    ----------
+    file, name : str
+        Name of the file, with and without its ending.
+    names, units : list of str
+        Of the columns.
+
+    Raises
+    ------
+    ParameterError
+        A file that cannot be read, without names, or with one column only.
+    """
+
+    def __init__(self, owner, source):
+        stream = hasattr(source, "read")
+        path = pathlib.Path(getattr(source, "name", "file") if stream else source)
+        self.owner, self.file, self.name = owner, path.name, path.stem
+        try:
+            text = source.read() if stream else path.read_bytes()
+            text = text.decode("utf-8-sig") if isinstance(text, bytes) else text
+        except (OSError, UnicodeDecodeError) as why:
+            self.refuse(f"cannot be read: {why}")
+        lines = [(i, q) for i, q in enumerate(text.splitlines(), 1) if q.strip() and q.strip()[0] not in "#%"]
+        if len(lines) < 2:
+            self.refuse("a line of names and lines of numbers are needed")
+        (self.top, head), *rows = lines
+        self.sep = next((s for s in sorted(";\t,", key=head.count, reverse=True) if s in head), None)
+        self.lines, self.rows = [i for i, _ in rows], [self._split(q) for _, q in rows]
+        columns = [re.match(r"([^\[(]*)(?:[\[(]([^\])]*))?", q).groups("") for q in self._split(head)]
+        self.names, self.units = [n.strip() for n, _ in columns], [u.strip() for _, u in columns]
+        if any(math.isfinite(self._number(n)) for n in self.names):
+            self.refuse(f"the first line must hold the names of the columns, not numbers ({', '.join(self.names[:4])})", self.top)
+        if len(self.names) < 2:
+            self.refuse(f"only one column ('{self.names[0]}') was found; time and output are needed", self.top)
+
+    def refuse(self, said, line=0):
+        """Raise `ParameterError`, naming the file and the line."""
+        raise ParameterError(f"{self.owner}: {self.file}" + f", line {line}"*(line > 0) + f": {said}") from None
+
+    def _split(self, line):
+        return line.split() if self.sep is None else [f.strip() for f in next(csv.reader([line], delimiter=self.sep))]
+
+    def _number(self, field):
+        try:
+            return float(field if self.sep == "," else field.replace(",", "."))
+        except ValueError:
+            return math.nan
+
+    def column(self, what, name):
+        """The numbers of a column, and its unit.
+
+        Raises
+        ------
+        ParameterError
+            It is not there, or a field is not a finite number, by line and column.
+        """
+        if name not in self.names:
+            self.refuse(f"{what} = {name!r} is not there; the columns are {', '.join(self.names)}", self.top)
+        j = self.names.index(name)
+        values = np.empty(len(self.rows))
+        for k, (line, fields) in enumerate(zip(self.lines, self.rows, strict=True)):
+            if len(fields) != len(self.names):
+                self.refuse(f"{len(fields)} columns, but the names are {len(self.names)}; the delimiter is "
+                            f"{DELIMITERS[self.sep]}", line)
+            values[k] = self._number(fields[j])
+            if not math.isfinite(values[k]):
+                self.refuse(f"column {j + 1} ('{name}'): {fields[j]!r} is not a finite number", line)
+        return values, self.units[j]
+
+    def times(self, name):
+        """The column of time [s], which increases."""
+        t, unit = self.column("t", name)
+        if len(wrong := np.flatnonzero(np.diff(t) <= 0.0)):
+            k, j = wrong[0] + 1, self.names.index(name)
+            self.refuse(f"column {j + 1} ('{name}'): {self.rows[k][j]} after {self.rows[k - 1][j]}; times must increase",
+                        self.lines[k])
+        if unit not in SECONDS:
+            self.refuse(f"the unit of time [{unit}] is not known; it must be one of {', '.join(filter(None, SECONDS))}", self.top)
+        return t*SECONDS[unit]
+
+    def about(self, **chosen):
+        """What was found, in words, and which column serves for what."""
+        said = ", ".join(f"{what} = '{n}' [{self.units[self.names.index(n)] or ('s' if what == 't' else '?')}]"
+                         for what, n in chosen.items() if n)
+        return f"{self.file}: {len(self.rows)} rows, {len(self.names)} columns, delimiter {DELIMITERS[self.sep]}; {said}"

@@ -1,0 +1,201 @@
+"""A differentiator tried on a signal: as a function of numbers, for a mask."""
+
+import io
+import math
+from dataclasses import dataclass
+from typing import Annotated, Literal, NamedTuple
+
+import numpy as np
+
+from ..core import Param, ParameterError, Table, block
+from .lipschitz import lipschitz
+from .recorded import differentiate
+from .sampled import METHODS, per
+
+__all__ = ["Signal", "Trial", "read_csv", "trial"]
+
+FACTORS = (4.0, 2.0, 1.0, 0.5, 0.25)  # times tau: sampling steps of the accuracy
+MOST = 500_000  # samples of a trial
+
+Order = Annotated[int, Param("n_d", low=0, high=12, help="highest derivative estimated")]
+Filter = Annotated[int, Param("n_f", low=0, high=12, slider=(0, 6), help="order of the filter")]
+Method = Annotated[Literal[tuple(METHODS)], Param("method", help="how a step is made")]
+Bound = Annotated[float, Param("L", "[f]/s^n", low=1e-9, log=True, slider=(1e-2, 1e4), help="bound of the derivative n = n_d + 1")]
+Found = Annotated[bool, Param("find $L$", help="estimate the bound from the samples")]
+
+
+class Signal(NamedTuple):
+    """A record; made by `read_csv`. Times `t` [s], samples `f`, its `name`, and `about`, where it comes from, in words."""
+
+    t: np.ndarray
+    f: np.ndarray
+    name: str
+    about: str
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    r"""Estimates beside the truth; made by calling a `trial`.
+
+    Attributes
+    ----------
+    t, f : ndarray, shape (N,)
+        Times [s] and samples.
+    estimates : ndarray, shape (n_d + 1, N)
+        z_0, z_1, ...
+    truth : ndarray, shape (n_d + 1, N), or None
+        The signal without noise, and its derivatives; None of a record.
+    L : float
+        The bound used.
+    tau : ndarray
+        Sampling steps at which the accuracy was measured [s].
+    sizes : ndarray, shape (n_d + 1, len(tau))
+        Greatest \|z_i - f^(i)\| of the second half; of a record, NaN.
+    """
+
+    t: np.ndarray
+    f: np.ndarray
+    estimates: np.ndarray
+    truth: np.ndarray | None
+    L: float
+    tau: np.ndarray
+    sizes: np.ndarray
+
+    @property
+    def slopes(self):
+        """Slope of each size over tau, both logarithmic; NaN where there is nothing to fit."""
+        good = np.isfinite(self.sizes) & (self.sizes > 0.0)
+        return tuple(float(np.polyfit(np.log(self.tau[m]), np.log(s[m]), 1)[0]) if m.sum() > 3 else math.nan
+                     for s, m in zip(self.sizes, good, strict=True))
+
+    @property
+    def errors(self):
+        r"""Greatest \|z_i - f^(i)\| of the second half, at the sampling step of the trial."""
+        return self.sizes[:, np.argmin(np.abs(np.array(FACTORS) - 1.0))]
+
+    def to_csv(self):
+        """The times, samples and estimates as the text of a CSV file."""
+        head = ["t [s]", "f", *(f"z_{i} [{per('f', i)}]" for i in range(len(self.estimates)))]
+        text = io.StringIO()
+        np.savetxt(text, np.column_stack([self.t, self.f, *self.estimates]), "%.10g", ",", header=",".join(head), comments="")
+        return text.getvalue()
+
+    def __str__(self):
+        if self.truth is None:
+            return f"{len(self.t)} samples, L = {self.L:.3g}"
+        return f"L = {self.L:.3g}; greatest errors in the second half: " + ", ".join(
+            f"|z_{i} - f^({i})| {e:.2g}" for i, e in enumerate(self.errors))
+
+
+def read_csv(path, t=None, f=None):
+    """Read a sampled signal from a text file.
+
+    Parameters
+    ----------
+    path : str, path or open file
+        As in `prd.read_csv`.
+    t, f : str, optional
+        Names of the columns of time and signal; default: the first two.
+
+    Returns
+    -------
+    Signal
+        ``trial(*read_csv(path)[:2])`` tries differentiators on it.
+
+    Raises
+    ------
+    ParameterError
+        A file that cannot be read; a field that is not a finite number, a line with a field too few or too many, times that
+        do not increase, by line and column; a column that is not there.
+
+    Notes
+    -----
+    Not in the paper.
+    """
+    table = Table("differentiators.read_csv", path)
+    t, f = t or table.names[0], f or table.names[1]
+    return Signal(table.times(t), table.column("f", f)[0], table.name, table.about(t=t, f=f))
+
+
+def _sampled(tau, jitter, duration, rng):
+    """Times, every tau give or take."""
+    n = round(duration/tau)
+    if not 20 <= n <= MOST:
+        raise ParameterError(f"differentiators.trial: tau = {tau:g} s gives {n} samples in {duration:g} s; there must be 20 to "
+                             f"{MOST}")
+    return (np.arange(n + 1) + 0.5*jitter*rng.uniform(-1.0, 1.0, n + 1))*tau
+
+
+def trial(t=None, f=None):
+    r"""A differentiator at work, as a function of its numbers: ``ui.live(trial())`` puts a mask before it.
+
+    .. math:: f(t) = a_1 \sin\omega_1 t + a_2 \cos\omega_2 t + \text{noise}
+
+    Parameters
+    ----------
+    t, f : array_like, shape (N,), optional
+        A record to differentiate instead [s], [f]; its derivatives are not known, so there are no errors.
+
+    Returns
+    -------
+    Block
+        Without signals; called, it gives a `Trial`.
+
+    Raises
+    ------
+    ParameterError
+        When it is called: what `differentiate` raises; fewer than 20 or more than 500 000 samples.
+
+    Notes
+    -----
+    With four other sampling steps, 4, 2, 1/2 and 1/4 of the chosen one, the accuracy is measured: without noise the slopes are
+    n_d + 1, n_d, ..., 1 if the method keeps the order (`implicit`: z_0 exact). The noise is seeded. Not in the paper.
+
+    Examples
+    --------
+    >>> [round(s) for s in trial().with_(n_d=1, eps=0.0)().slopes]
+    [2, 1]
+    """
+    def estimated(t, f, L, found, how):
+        L = lipschitz(t, f, how["n_d"]) if found else L
+        return differentiate(t, f, L, **how), L
+
+    if t is not None:
+        t, f = np.array(t, float), np.array(f, float)
+
+        def differentiation(n_d: Order = 2, n_f: Filter = 0, method: Method = "levant", found: Found = True, L: Bound = 1.0):
+            z, L = estimated(t, f, L, found, dict(n_d=n_d, n_f=n_f, method=method))
+            return Trial(t, f, z, None, L, np.array([]), np.full((n_d + 1, len(FACTORS)), math.nan))
+
+        differentiation.__doc__ = differentiate.__doc__
+        return block(differentiation)
+
+    def differentiation(n_d: Order = 2, n_f: Filter = 0, method: Method = "levant", L: Bound = 2.0, found: Found = False,
+                        a_1: Annotated[float, Param("a_1", "[f]", slider=(0.0, 5.0), help="size of the sine")] = 1.0,
+                        omega_1: Annotated[float, Param(r"\omega_1", "rad/s", low=0.0, slider=(0.0, 5.0))] = 1.0,
+                        a_2: Annotated[float, Param("a_2", "[f]", slider=(0.0, 5.0), help="size of the cosine")] = 0.5,
+                        omega_2: Annotated[float, Param(r"\omega_2", "rad/s", low=0.0, slider=(0.0, 5.0))] = 0.5,
+                        noise: Annotated[Literal["white", "tone"], Param("noise", help="uniform, or a fast cosine")] = "white",
+                        eps: Annotated[float, Param(r"\varepsilon", "[f]", low=0.0, slider=(0.0, 0.5), help="size of the noise")]
+                        = 0.0,
+                        omega_n: Annotated[float, Param(r"\omega_n", "rad/s", low=0.0, slider=(10.0, 2000.0),
+                                                        help="frequency of the tone")] = 1000.0,
+                        tau: Annotated[float, Param(r"\tau", "s", low=1e-6, log=True, slider=(5e-4, 0.1),
+                                                    help="sampling step")] = 1e-2,
+                        jitter: Annotated[float, Param("jitter", low=0.0, high=0.9, help="of the times, as a share of tau")] = 0.0,
+                        duration: Annotated[float, Param("T", "s", low=0.1, high=1000.0, slider=(5.0, 50.0))] = 20.0):
+        rng, how, sizes = np.random.default_rng(0), dict(n_d=n_d, n_f=n_f, method=method), []
+        shift = 0.5*math.pi*np.arange(n_d + 1)[:, None]
+        powers = np.arange(n_d + 1)[:, None]
+        for factor in FACTORS:
+            t = _sampled(factor*tau, jitter, duration, rng)
+            truth = (a_1*omega_1**powers*np.sin(omega_1*t + shift) + a_2*omega_2**powers*np.cos(omega_2*t + shift))
+            f = truth[0] + eps*(rng.uniform(-1.0, 1.0, len(t)) if noise == "white" else np.cos(omega_n*t))
+            z, used = estimated(t, f, L, found, how)
+            sizes.append(np.abs(z - truth)[:, len(t)//2:].max(1))
+            if factor == 1.0:
+                shown = t, f, z, truth, used
+        return Trial(*shown, tau*np.array(FACTORS), np.array(sizes).T)
+
+    differentiation.__doc__ = differentiate.__doc__
+    return block(differentiation)

@@ -1,0 +1,103 @@
+"""The identification as a function of numbers, for a mask."""
+
+import functools
+from typing import Annotated, NamedTuple
+
+import numpy as np
+
+from ..core import Param, ParameterError, block
+from .identify import DEFAULT, SHORTEST, SPAN, identify
+from .records import Record
+from .results import PRDResult, PRDSweep, VectorPRD
+
+__all__ = ["Probe", "experiment"]
+
+SCALES = (1e-3, 10.0)  # windows of models [s]
+COUNT = 17
+
+Window = Annotated[float, Param("w", "s", low=1e-9, log=True, slider=SCALES, help="what happens within it counts as at once")]
+Alpha = Annotated[float, Param(r"\alpha", low=0.01, high=0.5, help="share of its step that a derivative may still lack")]
+Height = Annotated[float, Param(r"\Delta u", "[u]", help="height of the step", slider=(-2.0, 2.0))]
+Noise = Annotated[float, Param("noise", low=0.0, high=1.0, slider=(0.0, 0.01),
+                               help="white noise added to the output, as a share of its range")]
+Found = Annotated[bool, Param("find $w$", help="take the shortest window at which both methods agree")]
+
+
+class Probe(NamedTuple):
+    """What an `experiment` gives.
+
+    Attributes
+    ----------
+    result : PRDResult or VectorPRD
+    sweep : PRDSweep
+        The same, at other windows.
+    """
+
+    result: PRDResult | VectorPRD
+    sweep: PRDSweep
+
+    def __str__(self):
+        return str(self.result)
+
+
+def experiment(source, window=DEFAULT, **settings):
+    r"""Identification of a source as a function of its numbers: ``ui.live(experiment(source))`` puts a mask before it.
+
+    .. math:: r(w) = \text{the lowest } k \text{ of which } y^{(k)} \text{ steps within } w
+
+    Parameters
+    ----------
+    source
+        As in `identify`.
+    window : float
+        Window to start with [s]; a record starts with the one that is found.
+    **settings
+        `output`, `surface`, `x0` as in `identify`.
+
+    Returns
+    -------
+    Block
+        Without signals; called, it gives a `Probe`: the result at the window, and a sweep of windows.
+
+    Raises
+    ------
+    ParameterError, BlockError
+        As `identify`, when it is called.
+
+    Notes
+    -----
+    The sweep leaves out the windows for which a plant diverges or a record is too short. Not in the paper.
+
+    Examples
+    --------
+    >>> print(experiment(smc.lv.transfer_function())())
+    The experimentally determined PRD is equal to 5
+    """
+    source = Record(*source) if isinstance(source, tuple) else source
+
+    @functools.lru_cache(8)
+    def swept(windows, **how):
+        found = []
+        for w in windows:
+            try:
+                found.append((w, identify(source, window=w, **settings, **how)))
+            except ParameterError:
+                continue
+        return PRDSweep(*map(tuple, zip(*found, strict=True))) if found else PRDSweep((), ())
+
+    if isinstance(source, Record):
+        end = (source.until - source.step_time - 2*source.h)/SPAN
+        windows = tuple(np.geomspace(min(SHORTEST*source.h, end), end, COUNT))
+
+        def identification(found: Found = True, window: Window = end/4, alpha: Alpha = 0.1, noise: Noise = 0.0):
+            how = dict(alpha=alpha, noise=noise)
+            return Probe(identify(source, window=None if found else window, **how), swept(windows, **how))
+    else:
+        windows = tuple(np.geomspace(*SCALES, COUNT))
+
+        def identification(window: Window = window, amplitude: Height = 1.0, alpha: Alpha = 0.1, noise: Noise = 0.0):
+            how = dict(alpha=alpha, noise=noise, amplitude=amplitude)
+            return Probe(identify(source, window=window, **settings, **how), swept(windows, **how))
+
+    identification.__doc__ = identify.__doc__
+    return block(identification)
