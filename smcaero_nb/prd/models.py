@@ -4,7 +4,8 @@ import sys
 
 import numpy as np
 
-from ..core import Block, BlockError, ClosedLoop, ParameterError, block, simulate
+from ..core import Block, ClosedLoop, ParameterError, block, simulate
+from ..core.engine import inputs
 from ..core.metrics import heads
 from ..interop import matrices
 from .records import Record
@@ -13,7 +14,6 @@ __all__ = ["responses"]
 
 SAMPLES = 200  # in one window
 REST, MOTION = 250, 260  # before and after the step
-INPUTS = 8  # most inputs that a plant block is tried with
 
 
 def responses(source, output, surface, window, amplitude, x0):
@@ -74,20 +74,6 @@ def _nonlinear(source, h, amplitude, x0):
     return [moved(amplitude*e) - free for e in np.eye(source.ninputs)]
 
 
-def _shapes(plant):
-    """Zero input and zero perturbation of the shapes that a plant block takes: the fewest inputs with which it works."""
-    for m in range(1, INPUTS + 1):
-        for d in (0.0, (0.0,)*m):
-            given = {"t": 0.0, "x": plant.z0, "u": (0.0,)*m if m > 1 else 0.0, "d": d}
-            try:
-                plant.f(*(given[n] for n in plant.signals), *plant.p)
-                return given["u"], d
-            except (TypeError, IndexError, ValueError, ArithmeticError) as reason:
-                why = reason
-    raise BlockError(f"prd.identify: '{plant.name}' works with no number of inputs from 1 to {INPUTS} at its initial state; with "
-                     f"{INPUTS}: {type(why).__name__}: {why}")
-
-
 def _block(source, output, surface, h, amplitude):
     """The block in its loop, the law replaced by the step; Runge and Kutta's fourth order."""
     if isinstance(source, ClosedLoop):
@@ -95,7 +81,7 @@ def _block(source, output, surface, h, amplitude):
         output, surface = output or stages["output"], surface or stages["surface"]
     else:
         plant, output = source, output or getattr(source, "y", None)
-    u, d = _shapes(plant)
+    u, d = inputs(plant)
     m = len(u) if isinstance(u, tuple) else 1
 
     def moved(stepped, height):
