@@ -210,15 +210,15 @@ class _Writer:
         self.values.update({**params, **self.x, **self.z})
 
         asked = getattr(self.stages["output"], "signals", ())
-        if "u" in asked:  # the shape of u before its stages have been tried: that of which the plant takes the fewest
-            self.written(self.assign, "u", f"{inputs(loop.stages['plant'])[0]!r}")
+        if "u" in asked:  # before the stages that give it: as few zeros as the plant works with
+            self.written(self.assign, "u", repr(inputs(loop.stages["plant"])[0]))
         taken = self.shapes.get("u")
         parts = {"measure": self.written(self.measure, "d" in asked), "control": self.written(self.control),
                  "disturb": self.written(self.stage, "perturbation", "d") if "d" not in asked else [],
                  "advance": self.written(self.advance, METHODS[method])}
         if "u" in asked and self.shapes["u"] != taken:
-            raise BlockError(f"the output asks for u, of which the plant takes {len(taken or '1')}, but the loop gives it "
-                             f"u = {self.values_of('u')!r}")
+            raise BlockError(f"the output asks for u, of which the plant takes {len(taken) if taken else 'one number'}, but the "
+                             f"loop gives it u = {self.values_of('u')!r}")
         names = {s: [_local(s, q) for q in leaves(self.shapes[s])] for s in self.shapes}
         e, u, watched = names["e"], names["u"], names["sigma"] + names["u"]
         held = [q for s, _ in GIVES.values() for q in names[s]]
