@@ -111,12 +111,12 @@ DOC = r"""Linear plant {name}: {n} states, {m} input(s), {p} output(s).
 def from_control(sys):
     r"""Plant block of a linear system of python-control.
 
-    .. math:: \dot x = A x + B (u + d), \qquad y = C x
+    .. math:: \dot x = A x + B (u + d), \qquad y = C x + D (u + d)
 
     Parameters
     ----------
     sys : control.TransferFunction or control.StateSpace
-        Continuous (dt = 0) and strictly proper, with any number of inputs and outputs.
+        Continuous (dt = 0) and proper, with any number of inputs and outputs.
 
     Returns
     -------
@@ -128,16 +128,17 @@ def from_control(sys):
     Raises
     ------
     ParameterError
-        A system that is improper, discrete-time, without states or of another kind; or with a direct feedthrough.
+        A system that is improper, discrete-time, without states or of another kind.
 
     Notes
     -----
-    The sums are written out without the zeros of A, B, C, and compile into the loop like any other block. A transfer
+    The sums are written out without the zeros of A, B, C, D, and compile into the loop like any other block. A transfer
     function is realised in controllable companion form, one for each input and denominator: minimal for one input and
     output, not always for more. The coefficients are constants: another system is another block, and compiles anew.
 
-    A direct feedthrough (D other than 0: relative degree 0) is refused: an output would need the control that is
-    computed from it. Put the lag of the actuator or of the sensor in series.
+    With a direct feedthrough (D other than 0: relative degree 0) a sample measures y under the control of the sample before,
+    and its own acts from then on: no loop is algebraic. But feedback of a gain K then settles only if K D is less than 1 in
+    size (its eigenvalues), however short the sampling step; put the lag of the actuator or of the sensor in series.
 
     Not in the paper.
 
@@ -151,25 +152,23 @@ def from_control(sys):
     (0.0, -1.5)
     """
     A, B, C, D, labels = matrices(sys)
-    if D.any():
-        i, j = np.argwhere(D)[0]
-        raise ParameterError(f"interop.from_control: sys has a direct feedthrough, D = {D[i, j]:g} from input {j + 1} to output "
-                             f"{i + 1}; it must be 0 (strictly proper): put the lag of the actuator or sensor in series")
     if not len(A):
         raise ParameterError("interop.from_control: sys has no states; a plant needs at least one")
     m, p, states = B.shape[1], len(C), _identifiers(labels)
     x, u = [f"x{i}" for i in range(len(A))], [f"u{j}" for j in range(m)]
     name = _identifiers([sys.name])[0]
     rates = ", ".join(_row([*a, *b], x + u) for a, b in zip(A, B, strict=True))
-    ys = [_row(c, x) for c in C]
-    unpacked = f"    {', '.join(x)}, = x\n"
+    ys = [_row([*c, *d], x + u) for c, d in zip(C, D, strict=True)]
+    unpacked, acting = f"    {', '.join(x)}, = x\n", f"    {', '.join(u)}, = driven(u, d)\n"
+    asked, acts = ("x, u, d", acting) if D.any() else ("x", "")
     names = {"__name__": __name__, "driven": driven}
-    exec(f"def f(x, u, d):\n{unpacked}    {', '.join(u)}, = driven(u, d)\n    return ({rates},)\n"
-         f"def g(x):\n{unpacked}    return {ys[0] if p == 1 else '(' + ', '.join(ys) + ')'}\n", names)
+    exec(f"def f(x, u, d):\n{unpacked}{acting}    return ({rates},)\n"
+         f"def g({asked}):\n{unpacked}{acts}    return {ys[0] if p == 1 else '(' + ', '.join(ys) + ')'}\n", names)
     f, g = names["f"], names["g"]
     f.__name__, g.__name__ = name, f"output_of_{name}"
     f.__doc__ = DOC.format(name=sys.name, n=len(A), m=m, p=p)
-    g.__doc__ = f"Output of {sys.name}: y = C x.\n\n    .. math:: y = C x\n    "
+    y = "C x + D (u + d)" if acts else "C x"
+    g.__doc__ = f"Output of {sys.name}: y = {y}.\n\n    .. math:: y = {y}\n    "
     symbols = [re.sub(r"^([a-zA-Z])_?(\d+)$", r"\1_{\2}", s) if re.match(r"^[a-zA-Z]_?\d+$", s) else
                r"\mathrm{" + s.replace("_", r"\_") + "}" for s in states]
     plant = block(state={s: (0.0, Param(q)) for s, q in zip(states, symbols, strict=True)})(f)

@@ -280,7 +280,7 @@ def test_signals_are_wired_by_name_whatever_their_order():
 
 
 #: What each stage may ask for.
-STAGES = dict(reference="t", output="t x", differentiator="t r y e z tau", surface="t r y e z tau", law="t r y e sigma z tau",
+STAGES = dict(reference="t", output="t x u d", differentiator="t r y e z tau", surface="t r y e z tau", law="t r y e sigma z tau",
               allocation="t r y e sigma v z tau", actuator="t y u z tau", perturbation="t x", plant="t x u d")
 
 
@@ -297,8 +297,8 @@ def test_a_misspelt_signal_is_an_error_that_lists_the_allowed_ones(stage):
 
 @pytest.mark.parametrize(("stage", "forbidden"), [
     *((s, "x") for s in ("reference", "differentiator", "surface", "law", "allocation", "actuator")),
-    *((s, "d") for s in ("differentiator", "surface", "law", "allocation", "actuator", "output")),
-    ("surface", "sigma"), ("law", "v"), ("law", "u"), ("output", "u"), ("plant", "e"), ("perturbation", "u")])
+    *((s, "d") for s in ("differentiator", "surface", "law", "allocation", "actuator")),
+    ("surface", "sigma"), ("law", "v"), ("law", "u"), ("output", "e"), ("output", "v"), ("plant", "e"), ("perturbation", "u")])
 def test_no_stage_can_look_where_it_must_not(stage, forbidden):
     namespace = {"block": block}
     exec(f"@block\ndef peeks({forbidden}): return 0.0", namespace)

@@ -201,6 +201,90 @@ def test_the_launch_vehicle_equals_a_matrix_loop_written_by_hand():
     assert run.mean_e[0] == pytest.approx(J_e, rel=1e-4) and run.mean_u == pytest.approx(J_u, rel=1e-4)
 
 
+# ---- an output that sees u and d -------------------------------------------------------------------------------------
+@block
+def feeds(t, x, u, d, D=0.25):
+    return x[0] + D*(u + d), x[1]
+
+
+through = smooth.with_(output=feeds)
+
+
+@pytest.mark.parametrize("jit", [True, False])
+@pytest.mark.parametrize("m", [1, 7])
+def test_an_output_sees_the_control_of_the_sample_before_to_the_last_bit(m, jit):
+    n, dt = 1000, 1e-3
+    run = simulate(through.with_(actuator=None), n*dt, dt, tau=m*dt, record=n, jit=jit)
+    s, ds, integral, u, rows = 0.3, -0.2, 0.0, 0.0, []
+    for k in range(n + 1):
+        t = k*dt
+        d = 0.2*math.cos(3.0*t) + 0.1*s
+        y = s + 0.25*(u + d)
+        e, de = math.sin(t) - y, -ds
+        if k % m == 0:
+            sigma = de + 1.5*e + 0.5*integral
+            integral = integral + m*dt*e
+            u = 2.0*sigma/(abs(sigma) + 0.3)
+        rows.append((y, e, sigma, u, d, s))
+        s, ds = s + dt*ds, ds + dt*(-0.7*s + u + d)
+    for mine, theirs in zip((run.y[0], run.e[0], run.sigma, run.u, run.d, run.x.s), np.array(rows).T, strict=True):
+        assert np.array_equal(mine, theirs)
+
+
+@pytest.mark.parametrize("method", ["euler", "midpoint", "rk4"])
+def test_an_output_that_sees_u_and_d_changes_neither_by_chunks_nor_by_the_compiler(monkeypatch, method):
+    whole, plain = (simulate(through, 4.0, 4e-3, tau=12e-3, method=method, jit=jit, record=100) for jit in (True, False))
+    monkeypatch.setattr(engine, "CHUNK", 1e-9)
+    assert same(whole, plain) and same(whole, simulate(through, 4.0, 4e-3, tau=12e-3, method=method, record=100))
+
+
+def test_an_output_may_ask_for_one_of_u_and_d():
+    sees = {n: block(f) for n, f in (("u", lambda u: u), ("d", lambda d: d))}
+    loop = ClosedLoop(linear, law=block(lambda t: 1.0 + t), perturbation=sine)
+    runs = {n: simulate(loop.with_(output=b), 1.0, 0.25, tau=0.5, jit=False) for n, b in sees.items()}
+    assert list(runs["u"].y) == [0.0, 1.0, 1.0, 1.5, 1.5] and np.array_equal(runs["d"].y, runs["d"].d)
+
+
+def test_channels_and_tuples_see_their_controls():
+    @block(state=dict(a=0.0, b=0.0))
+    def pair(u):
+        return u[0], u[1]
+
+    y, law = block(lambda x, u: u), block(lambda t: (1.0 + t, 2.0))
+    parts = smc.channels(first=block(lambda u: u), second=block(lambda x, u, k=3.0: k*u))
+    runs = [simulate(ClosedLoop(pair, output=q, law=law), 1.0, 0.5, jit=False) for q in (y, parts)]
+    assert [list(q) for q in runs[0].y] == [[0.0, 1.0, 1.5], [0.0, 2.0, 2.0]]
+    assert [list(q) for q in runs[1].y] == [[0.0, 1.0, 1.5], [0.0, 6.0, 6.0]]
+
+
+def test_who_asks_for_no_control_pays_nothing():
+    """The perturbation stays behind the output, and no u before it, in the loops of all others."""
+    lines, others = ([q.split("=")[0].strip() for q in made(loop).source.split("\n")] for loop in (smooth, through))
+    assert lines.index("out_output") < lines.index("out_reference") < lines.index("out_perturbation") < lines.index("out_law")
+    assert others.index("out_perturbation") < others.index("out_output") and others.count("out_perturbation") == 1
+
+
+def test_what_does_not_fit_an_output_that_asks_for_u_is_named():
+    pair = block(state=dict(a=0.0, b=0.0))(lambda u: (u[0], u[1]))
+    loop = ClosedLoop(pair, output=block(lambda u: u[0]), law=block(lambda t: (1.0, 2.0, 3.0)))
+    for changes, said in ((dict(), r"takes 2, but the loop gives it u = \(1.0, 2.0, 3.0\)"),
+                          (dict(plant=pendulum, output=block(lambda u: u)), r"takes one number, but the loop gives it u = \(")):
+        with pytest.raises(BlockError, match="^the output asks for u, of which the plant " + said):
+            simulate(loop.with_(**changes), 1.0, 0.1)
+    with pytest.raises(BlockError, match=r"^output '<lambda>' fails at t = 0.*IndexError.*It was given u = \(0.0, 0.0\)$"):
+        simulate(loop.with_(output=block(lambda u: u[2])), 1.0, 0.1)
+
+    @block(state=dict(a=0.0))
+    def never(x, u):
+        return (x[5],)
+
+    with pytest.raises(BlockError, match=r"^plant 'never' works with no number of inputs from 1 to 8 .*IndexError"):
+        simulate(ClosedLoop(never, output=block(lambda u: u)), 1.0, 0.1)
+    misspelt = block(state=dict(a=0.0))(lambda uu: (uu,))
+    with pytest.raises(BlockError, match="^plant '<lambda>' .*'uu'$"):
+        simulate(ClosedLoop(misspelt, output=block(lambda u: u)), 1.0, 0.1)
+
+
 # ---- figures over every step -----------------------------------------------------------------------------------------
 M, N = 3, 3000
 

@@ -20,25 +20,33 @@ def two_waves(t):
     return 1.0 + t, np.cos(2.0*t)
 
 
-def held(f, times):
-    """Samples of a law's signal, held between them."""
-    return np.array([f(TAU*np.floor(q/TAU + 1e-9)) for q in times]).T
+@block
+def ramp(t):
+    return 0.3 - 0.4*t
 
 
-def compare(sys, law, tolerance=1e-9, duration=2.0, jit=False):
-    """Largest deviation of the block's outputs from `control.forced_response`, relative to the largest output."""
+@block
+def two_ramps(t):
+    return 0.3 - 0.4*t, 0.5*t
+
+
+def compare(sys, law, tolerance=1e-9, duration=2.0, jit=False, perturbation=None):
+    """The block's outputs are those of `control.forced_response`; deviations are relative to the largest output."""
     plant = interop.from_control(sys)
     dt = TAU/10
-    run = simulate(ClosedLoop(plant, output=plant.y, law=law), duration, dt, TAU, method="rk4", record=10**6, jit=jit)
+    loop = ClosedLoop(plant, output=plant.y, law=law, perturbation=perturbation)
+    run = simulate(loop, duration, dt, TAU, method="rk4", record=10**6, jit=jit)
     # forced_response joins inputs by straight lines, so it is given each interval of the hold by itself
     ss = control.ss(*interop.matrices(sys)[:4])
-    x, wanted = np.zeros(ss.nstates), []
+    x, before, wanted = np.zeros(ss.nstates), np.zeros(ss.ninputs), []
     T = np.arange(11)*dt
     for k in range(round(duration/TAU)):
-        u = np.repeat(np.atleast_1d(law(k*TAU))[:, None], len(T), axis=1)
-        part = control.forced_response(ss, T, u, x, squeeze=False)
+        u = np.atleast_1d(law(k*TAU))
+        d = [np.atleast_1d(perturbation(k*TAU + q)) if perturbation else 0.0*u for q in T]
+        part = control.forced_response(ss, T, (u + d).T, x, squeeze=False)
         wanted.append(part.outputs[:, :-1])
-        x = part.states[:, -1]
+        wanted[-1][:, 0] += ss.D @ (before - u)  # a sample measures y under the control of the sample before
+        x, before = part.states[:, -1], u
     wanted = np.concatenate(wanted, axis=1)
     got = np.array(run.y if isinstance(run.y, tuple) else (run.y,))[:, :-1]
     assert np.abs(got - wanted).max() <= tolerance*np.abs(wanted).max()
@@ -52,12 +60,19 @@ SISO = {
     "integrators": control.tf([1.0], [1.0, 0.0, 0.0, 0.0]),
     "state space": control.ss([[0.0, 1.0], [-4.0, -0.4]], [[0.0], [2.0]], [[1.0, 0.5]], [[0.0]], states=["angle", "rate"]),
     "zero-pole-gain": control.zpk([-1.0], [-2.0, -3.0, -4.0], 5.0),
+    "biproper": control.tf([2.0, 1.0, 3.0], [1.0, 0.8, 2.0]),
+    "biproper state space": control.ss([[0.0, 1.0], [-4.0, -0.4]], [[0.0], [2.0]], [[1.0, 0.5]], [[-0.7]]),
 }
 
 
 @pytest.mark.parametrize("name", SISO)
 def test_one_input_and_output_as_forced_response(name):
-    compare(SISO[name], wave, 1e-7 if "zeros" in name else 1e-9, jit=name == "eq (7)")
+    compare(SISO[name], wave, 1e-7 if "zeros" in name else 1e-9, jit=name in ("eq (7)", "biproper"))
+
+
+@pytest.mark.parametrize("name", ["lag", "biproper", "biproper state space"])
+def test_with_a_perturbation_as_forced_response(name):
+    compare(SISO[name], wave, perturbation=ramp)
 
 
 def test_the_transfer_function_itself_as_forced_response():
@@ -73,23 +88,48 @@ MIMO = {
                                   [[[1.0, 1.0], [1.0, 3.0, 2.0]], [[1.0, 1.0], [1.0, 4.0]]]),
     "state space": control.ss([[0.0, 1.0, 0.0], [-2.0, -1.0, 0.5], [0.0, 0.0, -3.0]], [[0.0, 0.0], [1.0, 0.2], [0.0, 1.0]],
                               [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 1.0]], np.zeros((3, 2))),
+    "biproper transfer matrix": control.tf([[[1.0, 3.0], [2.0, 1.0]], [[3.0], [-2.0]]],
+                                           [[[1.0, 1.0], [1.0, 3.0, 2.0]], [[1.0, 1.0], [1.0]]]),
+    "biproper state space": control.ss(np.diag([-1.0, -2.0]), [[1.0, 0.0], [0.5, 1.0]], [[1.0, 1.0], [0.0, 0.0], [1.0, 0.0]],
+                                       [[0.0, 0.0], [0.3, -2.0], [0.0, 1.0]]),
 }
 
 
 @pytest.mark.parametrize("name", MIMO)
 def test_many_inputs_and_outputs_as_forced_response(name):
-    compare(MIMO[name], two_waves, jit=name == "state space")
+    compare(MIMO[name], two_waves, jit="state space" in name)
+
+
+@pytest.mark.parametrize("perturbation", [ramp, two_ramps])
+def test_many_inputs_with_a_perturbation_as_forced_response(perturbation):
+    compare(MIMO["biproper state space"], two_waves, perturbation=perturbation)
 
 
 def test_entries_of_a_column_with_the_same_denominator_share_their_states():
     assert len(interop.from_control(MIMO["transfer matrix"]).z0) == 4  # not 5
 
 
-def test_compiled_and_plain_runs_agree_to_the_last_bit():
-    plant = interop.from_control(SISO["eq (7)"])
-    loop = ClosedLoop(plant, output=plant.y, law=wave)
+@pytest.mark.parametrize("name", ["eq (7)", "biproper"])
+def test_compiled_and_plain_runs_agree_to_the_last_bit(name):
+    plant = interop.from_control(SISO[name])
+    loop = ClosedLoop(plant, output=plant.y, law=wave, perturbation=ramp)
     a, b = (simulate(loop, 0.2, 1e-3, TAU, jit=q) for q in (True, False))
     assert (a.y == b.y).all()
+
+
+def test_an_output_asks_for_the_control_only_where_there_is_a_feedthrough():
+    assert interop.from_control(SISO["lag"]).y.signals == ("x",)
+    y = interop.from_control(SISO["biproper"]).y
+    assert y.signals == ("x", "u", "d") and y((0.0, 0.0), 1.0, 0.5) == 3.0 and "D (u + d)" in y.__doc__
+
+
+@pytest.mark.parametrize(("gain", "settles"), [(0.9, True), (1.1, False)])
+def test_feedback_through_the_feedthrough_settles_for_gains_below_1_over_d(gain, settles):
+    plant = interop.from_control(control.tf([1.0, 2.0], [1.0, 1.0]))  # D = 1, by feedback of any gain stable if continuous
+    law = block(lambda sigma, k=1.0: k*sigma).with_(k=gain)
+    run = simulate(ClosedLoop(plant, output=plant.y, reference=block(lambda t: 1.0), law=law), 5.0, 1e-3, jit=False)
+    assert (run.diverged_at is None) == settles
+    assert not settles or run.y[-1] == pytest.approx(2.0*gain/(1.0 + 2.0*gain), rel=1e-3)
 
 
 def test_states_keep_their_names_and_can_be_set():
@@ -124,7 +164,6 @@ REFUSED = {
     "improper from input 1 to output 1: degree 2 over 1": control.tf([1.0, 2.0, 1.0], [1.0, 1.0]),
     "discrete-time, with steps of 0.1 s": control.tf([1.0], [1.0, 0.5], 0.1),
     "discrete-time, with steps of unspecified length": control.ss([[0.5]], [[1.0]], [[1.0]], [[0.0]], True),
-    "direct feedthrough, D = 1 from input 1 to output 1": control.tf([1.0, 2.0], [1.0, 1.0]),
     "no states": control.ss([], [], [], [[0.0]]),
     "it must be a control.TransferFunction or control.StateSpace": control.nlsys(lambda t, x, u, p: -x, None, inputs=1, states=1),
     "float is not allowed": 3.0,
@@ -139,9 +178,10 @@ def test_what_is_refused_and_why(said):
     assert said in str(error.value) and str(error.value).startswith("interop.from_control: ")
 
 
-def test_a_perturbation_of_the_wrong_size_is_named():
-    plant = interop.from_control(MIMO["state space"])
+@pytest.mark.parametrize("name", ["state space", "biproper state space"])
+def test_a_perturbation_of_the_wrong_size_is_named(name):
+    plant = interop.from_control(MIMO[name])
     with pytest.raises(smc.BlockError, match="the perturbation has 3 components, but the input has 2"):
         simulate(ClosedLoop(plant, output=plant.y, law=two_waves, perturbation=block(lambda t, x: (0.0, 0.0, 0.0))), 0.1, 1e-3)
-    with pytest.raises(smc.BlockError, match="from_control|values to unpack"):
+    with pytest.raises(smc.BlockError, match="from_control|values to unpack|of which the plant takes 2, but"):
         simulate(ClosedLoop(plant, output=plant.y, law=wave), 0.1, 1e-3)

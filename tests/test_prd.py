@@ -113,6 +113,23 @@ def test_blocks_and_systems_of_python_control_give_the_same():
     assert a.prd == b.prd == 3 and a.y == pytest.approx(b.y, rel=1e-9, abs=1e-18)
 
 
+@pytest.mark.parametrize("sys", [control.tf([1.0, 2.0], [1.0, 3.0]), control.tf([-5.0, 1.0, 4.0], [1.0, 0.2, 7.0])])
+def test_blocks_with_a_feedthrough_have_relative_degree_0_as_their_systems(sys):
+    a, b = prd.identify(sys), prd.identify(smc.interop.from_control(sys))
+    for result in (a, b):
+        assert result.prd is None
+        assert "relative degree 0" in result.analyser.reason and "relative degree 0" in result.power.reason
+    after = b.t > b.step_time + 1e-9
+    assert b.y[after] == pytest.approx(a.y[after], rel=1e-6)  # at the step itself y is still that of the input before
+
+
+def test_a_feedthrough_from_one_input_of_two():
+    sys = control.ss(-np.eye(2), np.eye(2), np.eye(2), [[0.0, 0.0], [0.0, 2.0]])
+    a, b = prd.identify(sys), prd.identify(smc.interop.from_control(sys))
+    assert [[q.prd for q in row] for row in a.results] == [[q.prd for q in row] for row in b.results] == [[1, None], [None, None]]
+    assert a.prd == b.prd == (1, None) and "relative degree 0" in b.results[1][1].analyser.reason
+
+
 def test_double_integrator_and_a_sliding_variable_of_it():
     result = prd.identify(mass, output=position)
     assert result.prd == 2 and result.confirmed and result.gain == pytest.approx(1.0, rel=1e-3)

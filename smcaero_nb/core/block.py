@@ -106,8 +106,6 @@ class Block:
 class Channels:
     """Independent blocks side by side, made by `channels`; each sees its own component of every signal."""
 
-    signals = None
-
     def __init__(self, parts):
         for name, b in parts.items():
             if not isinstance(b, Block):
@@ -118,6 +116,7 @@ class Channels:
     def _joined(self, what):
         return {f"{c}__{n}": v for c, b in self.parts.items() for n, v in getattr(b, what).items()}
 
+    signals = property(lambda self: tuple(n for b in self.parts.values() for n in b.signals))
     params = property(lambda self: self._joined("params"))
     kinds = property(lambda self: self._joined("kinds"))
     values = property(lambda self: self._joined("values"))

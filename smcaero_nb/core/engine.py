@@ -26,15 +26,16 @@ __all__ = ["ClosedLoop", "Run", "simulate"]
 LIMIT = 1e12  # sum of |x|, or of |u|, beyond which any run has diverged
 CHUNK = 0.02  # s of machine time between two looks at Ctrl-C, cancel and progress
 
-ASKS = dict(reference=("t",), output=("t", "x"), differentiator=("t", "r", "y", "e"), surface=("t", "r", "y", "e"),
-            law=("t", "r", "y", "e", "sigma"), allocation=("t", "r", "y", "e", "sigma", "v"), actuator=("t", "y", "u"),
-            perturbation=("t", "x"), plant=("t", "x", "u", "d"))
+ASKS = dict(reference=("t",), output=("t", "x", "u", "d"), differentiator=("t", "r", "y", "e"),
+            surface=("t", "r", "y", "e"), law=("t", "r", "y", "e", "sigma"), allocation=("t", "r", "y", "e", "sigma", "v"),
+            actuator=("t", "y", "u"), perturbation=("t", "x"), plant=("t", "x", "u", "d"))
 GIVES = dict(differentiator=("e_hat", "e"), surface=("sigma", "e_hat"), law=("v", "sigma"), allocation=("u", "v"),
              actuator=("u", "u"))  # what a sampled stage gives, and what it passes on where there is none
 ESTIMATED = ("surface", "law", "allocation")  # for them e is what the differentiator gives, where there is one
 SIGNALS = ("t", "r", "y", "e", "e_hat", "sigma", "v", "u", "d")
 METHODS = dict(euler=[(0.0, 1.0)], midpoint=[(0.0, 0.0), (0.5, 1.0)],
                rk4=[(0.0, 1/6), (0.5, 1/3), (0.5, 1/3), (1.0, 1/6)])  # (node, weight) of each evaluation
+INPUTS = 8  # most inputs that a plant is tried with
 
 
 class ClosedLoop:
@@ -46,7 +47,8 @@ class ClosedLoop:
         ``x' = plant(t, x, u, d)``, integrated with `dt`.
     reference, output, differentiator, surface, law, allocation, actuator, perturbation : Block, Channels or None
         The stages of the pipeline; one left out is the identity (reference and perturbation: zero), free of cost.
-        A parameter of `output` that the plant has too follows the plant.
+        A parameter of `output` that the plant has too follows the plant. It may ask for u and d as they act on the plant when
+        y is measured: at a sample, u is still that of the sample before (zero before the first), so that no loop is algebraic.
     duration, dt, tau : float, optional
         What `simulate` uses unless told otherwise [s].
     name : str
@@ -180,6 +182,20 @@ def _inside(name, s, meta):
     return ([f"{name} >= {low!r}"] if low > -math.inf else []) + ([f"{name} <= {high!r}"] if high < math.inf else [])
 
 
+def inputs(plant):
+    """Zero input and zero perturbation of the shapes that a plant block takes: the fewest inputs with which it works."""
+    for m in range(1, INPUTS + 1):
+        for d in (0.0, (0.0,)*m):
+            given = {"t": 0.0, "x": plant.z0, "u": (0.0,)*m if m > 1 else 0.0, "d": d}
+            try:
+                plant.f(*(given[n] for n in plant.signals), *plant.p)
+                return given["u"], d
+            except Exception as reason:
+                why = reason
+    raise BlockError(f"plant '{plant.name}' works with no number of inputs from 1 to {INPUTS} at its initial state; with "
+                     f"{INPUTS}: {type(why).__name__}: {why}") from why
+
+
 class _Writer:
     """Writes the loop of a `ClosedLoop`, trying each line at t = 0 to learn the shapes of the signals.
 
@@ -195,9 +211,16 @@ class _Writer:
         self.shapes["x"] = (None,)*len(self.x)
         self.values.update({**params, **self.x, **self.z})
 
-        parts = {"measure": self.written(self.measure), "control": self.written(self.control),
-                 "disturb": self.written(self.stage, "perturbation", "d"),
+        asked = getattr(self.stages["output"], "signals", ())
+        if "u" in asked:  # before the stages that give it: as few zeros as the plant works with
+            self.written(self.assign, "u", repr(inputs(loop.stages["plant"])[0]))
+        taken = self.shapes.get("u")
+        parts = {"measure": self.written(self.measure, "d" in asked), "control": self.written(self.control),
+                 "disturb": self.written(self.stage, "perturbation", "d") if "d" not in asked else [],
                  "advance": self.written(self.advance, METHODS[method])}
+        if "u" in asked and self.shapes["u"] != taken:
+            raise BlockError(f"the output asks for u, of which the plant takes {len(taken) if taken else 'one number'}, but the "
+                             f"loop gives it u = {self.values_of('u')!r}")
         names = {s: [_local(s, q) for q in leaves(self.shapes[s])] for s in self.shapes}
         e, u, watched = names["e"], names["u"], names["sigma"] + names["u"]
         held = [q for s, _ in GIVES.values() for q in names[s]]
@@ -329,8 +352,10 @@ class _Writer:
         elif gives != passes:
             self.assign(gives, self.text(passes) if passes else "0.0")
 
-    def measure(self):
-        """Reference, output and error."""
+    def measure(self, early):
+        """Reference, output and error; before them, where the output asks for it, the perturbation."""
+        if early:
+            self.stage("perturbation", "d")
         self.stage("output", "y", "x")
         if self.stages["reference"]:
             self.stage("reference", "r")
@@ -441,7 +466,8 @@ class Run:
     t : ndarray
         Times of the rows [s].
     r, y, e, e_hat, sigma, v, u, d : ndarray or nested tuple of ndarray
-        Signals of the pipeline; the sampled ones as held at that time.
+        Signals of the pipeline; the sampled ones as held at that time. At a sample, y and e are as measured: an output that
+        asks for u saw the u of the sample before, not the one that the row gives, which acts from then on.
     x, z : namespace
         Named states: ``run.x.theta``, ``run.z.law.lam``, ``run.z.law.attitude.rho``; `z` as the latest sample left it.
     low, high : namespace

@@ -5,7 +5,8 @@ import sys
 
 import numpy as np
 
-from ..core import Block, BlockError, ClosedLoop, ParameterError, block, simulate
+from ..core import Block, ClosedLoop, ParameterError, block, simulate
+from ..core.engine import inputs
 from ..core.metrics import heads
 from ..interop import matrices
 from .records import Record
@@ -14,7 +15,6 @@ __all__ = ["responses"]
 
 SAMPLES = 200  # in one window
 REST, MOTION = 250, 260  # before and after the step
-INPUTS = 8  # most inputs that a plant block is tried with
 FINE = 2.0  # integration steps in the fastest time constant of a model, at least
 COMPILED, PLAIN = 20000, 100  # at most in one sample
 
@@ -94,20 +94,6 @@ def _nonlinear(source, h, amplitude, x0):
     return [moved(amplitude*e) - free for e in np.eye(source.ninputs)]
 
 
-def _shapes(plant):
-    """Zero input and zero perturbation of the shapes that a plant block takes: the fewest inputs with which it works."""
-    for m in range(1, INPUTS + 1):
-        for d in (0.0, (0.0,)*m):
-            given = {"t": 0.0, "x": plant.z0, "u": (0.0,)*m if m > 1 else 0.0, "d": d}
-            try:
-                plant.f(*(given[n] for n in plant.signals), *plant.p)
-                return given["u"], d
-            except (TypeError, IndexError, ValueError, ArithmeticError) as reason:
-                why = reason
-    raise BlockError(f"prd.identify: '{plant.name}' works with no number of inputs from 1 to {INPUTS} at its initial state; with "
-                     f"{INPUTS}: {type(why).__name__}: {why}")
-
-
 def _block(source, output, surface, h, amplitude):
     """The block in its loop, the law replaced by the step; Runge and Kutta's fourth order, compiled where steps are many."""
     if isinstance(source, ClosedLoop):
@@ -115,7 +101,7 @@ def _block(source, output, surface, h, amplitude):
         output, surface = output or stages["output"], surface or stages["surface"]
     else:
         plant, output = source, output or getattr(source, "y", None)
-    u, d = _shapes(plant)
+    u, d = inputs(plant)
     m = len(u) if isinstance(u, tuple) else 1
     finer = _finer(plant.name, lambda x: plant(*({"t": 0.0, "x": tuple(x), "u": u, "d": d}[n] for n in plant.signals)),
                    plant.z0, h, COMPILED)
