@@ -23,7 +23,7 @@ Order = Annotated[int, Param("n_d", low=0, high=12, help="highest derivative est
 Filter = Annotated[int, Param("n_f", low=0, high=12, slider=(0, 6), help="order of the filter")]
 Method = Annotated[Literal[tuple(METHODS)], Param("method", help="how a step is made")]
 Bound = Annotated[float, Param("L", "[f]/s^n", low=1e-9, log=True, slider=(1e-2, 1e4), help="bound of the derivative n, n_d + 1")]
-Found = Annotated[bool, Param("find $L$", help="estimate the bound from the samples")]
+Found = Annotated[bool, Param("find L", help="estimate the bound from the samples")]
 
 
 class Signal(NamedTuple):
@@ -102,7 +102,7 @@ def read_csv(path, t=None, f=None):
     Returns
     -------
     Signal
-        ``trial(*read_csv(path)[:2])`` tries differentiators on it.
+        ``trial(read_csv(path))`` tries differentiators on it.
 
     Raises
     ------
@@ -128,14 +128,14 @@ def _sampled(tau, jitter, duration, rng):
     return (np.arange(n + 1) + 0.5*jitter*rng.uniform(-1.0, 1.0, n + 1))*tau
 
 
-def trial(t=None, f=None):
+def trial(signal=None):
     r"""A differentiator at work, as a function of its numbers: ``ui.live(trial())`` puts a mask before it.
 
     .. math:: f(t) = a_1 \sin\omega_1 t + a_2 \cos\omega_2 t + \text{noise}
 
     Parameters
     ----------
-    t, f : array_like, shape (N,), optional
+    signal : Signal or (t, f), optional
         A record to differentiate instead [s], [f]; its derivatives are not known, so there are no errors.
 
     Returns
@@ -167,8 +167,8 @@ def trial(t=None, f=None):
         L = lipschitz(t, f, how["n_d"]) if found else L
         return differentiate(t, f, L, **how), L
 
-    if t is not None:
-        t, f = np.array(t, float), np.array(f, float)
+    if signal is not None:
+        t, f = (np.array(q, float) for q in signal[:2])
 
         def differentiation(n_d: Order = 2, n_f: Filter = 0, method: Method = "levant", found: Found = True, L: Bound = 1.0):
             z, L = estimated(t, f, L, found, dict(n_d=n_d, n_f=n_f, method=method))

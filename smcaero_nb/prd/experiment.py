@@ -20,7 +20,7 @@ Alpha = Annotated[float, Param(r"\alpha", low=0.01, high=0.5, help="share of its
 Height = Annotated[float, Param(r"\Delta u", "[u]", help="height of the step", slider=(-2.0, 2.0))]
 Noise = Annotated[float, Param("noise", low=0.0, high=1.0, slider=(0.0, 0.01),
                                help="white noise added to the output, as a share of its range")]
-Found = Annotated[bool, Param("find $w$", help="take the shortest window at which both methods agree")]
+Found = Annotated[bool, Param("find w", help="take the shortest window at which both methods agree")]
 
 
 class Probe(NamedTuple):

@@ -1,8 +1,10 @@
 """Masks and live plots: the only home of ipywidgets, anywidget and plotly."""
 
 from .board import Live, live
+from .charts import plot
 from .form import Mask, mask
-from .panels import plot
+from .own import transfer_function, upload
 from .studies import Certificate, Compare, certificate, compare
 
-__all__ = ["Certificate", "Compare", "Live", "Mask", "certificate", "compare", "live", "mask", "plot"]
+__all__ = ["Certificate", "Compare", "Live", "Mask", "certificate", "compare", "live", "mask", "plot", "transfer_function",
+           "upload"]

@@ -1,15 +1,19 @@
 """Live plots: a mask beside the curves of what it sets."""
 
+import warnings
+
 import ipywidgets as W
 import plotly.graph_objects as go
 
-from ..core import BlockError, ParameterError, simulate
+from ..core import BlockError, ClosedLoop, ParameterError, simulate
 from ..core.param import unknown
+from .charts import figure
 from .form import Mask
 from .job import Job
+from .own import Download
 from .panels import draw, metrics_html, panels, structure
 from .picture import Picture
-from .words import why_diverged
+from .words import result_html, why_diverged
 from .worker import Dropped
 
 __all__ = ["Live", "live"]
@@ -18,6 +22,7 @@ ROWS = 1000  # recorded rows of a run: what a screen resolves
 PATIENCE = 0.15  # s that a moved slider waits for its run; a longer one goes on by itself
 FIRST = 5.0  # s that a new plot waits, so that the next cell finds its curves: compiling takes 1 to 3
 COMPILING = "Compiling; this takes a few seconds, once for each kind of loop."
+COMPUTING = "Computing; the first time it may have to compile, which takes a few seconds."
 KEPT = "the curves are those of the last good setting"
 
 
@@ -29,12 +34,12 @@ class Live(W.Box):
     mask : Mask
     figure : plotly.graph_objects.Figure
         What is drawn, as a figure to save or change.
-    loop : ClosedLoop
+    loop : ClosedLoop or Block
         As set now.
-    run : Run or None
-        The last good run, the one drawn.
+    run : Run, or what the block returned, or None
+        The last good one, the one drawn.
     curves : dict
-        What is drawn, in the units shown: ``live.curves["u"].y`` over ``live.curves["u"].x``; keys
+        What is drawn of a run, in the units shown: ``live.curves["u"].y`` over ``live.curves["u"].x``; keys
         `y r dy dr u xi sigma phase`, `x.<state>`, `law.<state>`.
     status : str
         What the mask says about the newest run; empty if all is well.
@@ -50,13 +55,13 @@ class Live(W.Box):
         self.curves = {}
         self.run, self.status, self._drawn = None, "", None  # _drawn: which of the loops the curves are of
         for loop in self.mask.offered.values():
-            for n in states:
+            for n in states if isinstance(loop, ClosedLoop) else ():
                 if n not in loop.stages["plant"].states:
                     raise unknown(f"live: the plant {loop.stages['plant'].name}", n, loop.stages["plant"].states)
-        self._metrics = W.HTML()
+        self._metrics, self._download = W.HTML(), Download(lambda: self.run.to_csv())
         self.job = Job(self._work)
         self.mask.children = [*self.mask.children, self.job]
-        side = W.VBox([self._metrics, self._picture])
+        side = W.VBox([self._metrics, self._picture, self._download])
         side.add_class("smcaero-plot")
         super().__init__([self.mask, side])
         self.add_class("smcaero-live")
@@ -71,7 +76,7 @@ class Live(W.Box):
     @property
     def figure(self):
         """What is drawn, as a figure of plotly."""
-        return go.Figure(*draw({"": list(self.curves.values())}))
+        return go.Figure(*(draw({"": list(self.curves.values())}) if self.curves else figure(self.run)))
 
     def set(self, **values):
         """Set values as the mask does, and wait until the curves show them.
@@ -97,10 +102,10 @@ class Live(W.Box):
         if not self.job.ask((self.mask.choice.value, self.loop), patience):
             with self.job.worker.lock:
                 if not self.job.worker.idle.is_set() and self.job.worker.fraction is None:
-                    self._say(COMPILING)
+                    self._say(COMPILING if isinstance(self.loop, ClosedLoop) else COMPUTING)
 
     def _work(self, asked, progress):
-        """Simulate and draw, or say why not; a run that the law's theorem does not cover is drawn, and said to be so."""
+        """Simulate or call, and draw, or say why not; what no theorem covers is drawn, and said to be so."""
         (choice, loop), refused = asked, True
 
         def watched(fraction):
@@ -109,20 +114,36 @@ class Live(W.Box):
                 self._say("")
 
         try:
-            run = simulate(loop, **self.times, record=ROWS, progress=watched)
-            first, good = choice != self._drawn, run.diverged_at is None
-            text = "" if good else f"{why_diverged(run)}; {'the curves end there' if first else KEPT}."
-            refused = not good
-            if good:
-                text = "".join(f"{q}: the theorem does not cover this. " for q in run.doubts()).strip()
-            if good or first:
-                self._drawn, self.run, self._metrics.value = choice, run, metrics_html(run)
-                self._show(panels(run, *self._shown))
+            if isinstance(loop, ClosedLoop):
+                text, refused = self._simulated(choice, simulate(loop, **self.times, record=ROWS, progress=watched))
+            else:
+                text, refused = self._called(choice, loop)
         except Dropped as why:
             text = f"Cancelled; {KEPT}." if why.args == ("cancelled",) else ""
         except Exception as why:  # a block may raise anything: a person reads it, and the page goes on
             text = f"{why if isinstance(why, (ParameterError, BlockError)) else f'{type(why).__name__}: {why}'}; {KEPT}."
         self._say(text, refused)
+
+    def _simulated(self, choice, run):
+        """Draw a run; what to say of it, and whether it is refused."""
+        first, good = choice != self._drawn, run.diverged_at is None
+        if good or first:
+            self._drawn, self.run, self._metrics.value = choice, run, metrics_html(run)
+            self._show(panels(run, *self._shown))
+        if not good:
+            return f"{why_diverged(run)}; {'the curves end there' if first else KEPT}.", True
+        return "".join(f"{q}: the theorem does not cover this. " for q in run.doubts()).strip(), False
+
+    def _called(self, choice, block):
+        """Draw what a block returns, and what it warns of."""
+        with warnings.catch_warnings(record=True) as remarks:
+            warnings.simplefilter("always")
+            result = block()
+        drawn = figure(result)
+        self._drawn, self.run, self.curves, self._metrics.value = choice, result, {}, result_html(result)
+        self._download.show(hasattr(result, "to_csv") and f"{choice or block.name}.csv")
+        self._picture.show(*drawn)
+        return " ".join(f"{q.message}." for q in remarks), False
 
     def _show(self, curves):
         """Draw the curves; only their numbers travel if the panels stay."""
@@ -139,18 +160,19 @@ class Live(W.Box):
 
 
 def live(loop, duration=None, dt=None, tau=None, states=(), phase=False, include=None):
-    """Show a mask beside the live curves of the loop that it sets.
+    """Show a mask beside the live curves of what it sets.
 
     Parameters
     ----------
-    loop : ClosedLoop or dict of str to ClosedLoop
-        ``{name: loop}`` offers a choice.
+    loop : ClosedLoop, Block, or dict of str to these
+        A loop is simulated; a block without signals, any function of numbers under `block`, is called, and what it returns is
+        drawn as by `plot`. ``{name: loop}`` offers a choice.
     duration, dt, tau : float, optional
-        As in `simulate`; default: the loop's own.
+        Of loops, as in `simulate`; default: the loop's own.
     states : sequence of str
-        Plant states to draw, with the control if they have its unit: ``("beta",)``.
+        Of loops: plant states to draw, with the control if they have its unit: ``("beta",)``.
     phase : bool
-        With the phase portrait, sigma' over sigma.
+        Of loops: with the phase portrait, sigma' over sigma.
     include : sequence of str, optional
         Names or stages that the mask shows, as in `mask`.
 
@@ -175,5 +197,6 @@ def live(loop, duration=None, dt=None, tau=None, states=(), phase=False, include
     >>> plot = live(smc.lv.loop("quasi_smc"), states=("beta",))
     >>> plot.set(law__rho=3.0)
     >>> plot.curves["u"].y.max()
+    >>> live(smc.differentiators.trial())
     """
     return Live(loop, duration, dt, tau, states, phase, include)

@@ -12,7 +12,7 @@ import anywidget
 import ipywidgets as W
 import traitlets
 
-from ..core import ClosedLoop, ParameterError
+from ..core import Block, ClosedLoop, ParameterError
 from ..core.block import Channels
 from ..core.param import unknown
 from .words import doc_html, label, said_html
@@ -208,12 +208,12 @@ class Mask(W.VBox):
         self.page, self._status, self._body = Page(), W.HTML(), W.VBox()
         self.choice = W.Dropdown(options=list(self.offered))
         self._reset = W.Button(description="Reset", icon="undo", tooltip="Back to the values at the start")
-        head = W.HBox([self.choice, self._reset] if len(self.offered) > 1 else [self._reset])
+        self._head = head = W.HBox([self.choice, self._reset] if len(self.offered) > 1 else [self._reset])
         super().__init__()
         for w, name in ((self, "mask"), (head, "top"), (self.choice, "choice"), (self._body, "body"), (self._status, "status")):
             w.add_class(f"smcaero-{name}")
         self.children = [head, self._body, self._status, self.page]
-        self.choice.observe(lambda change: self._choose(change.old), "value")
+        self.choice.observe(lambda change: self._quiet or self._choose(change.old), "value")
         self._reset.on_click(lambda _: self.reset())
         self._choose()
 
@@ -239,6 +239,18 @@ class Mask(W.VBox):
         with self._lock:
             self._put(self._given[self.choice.value].with_())  # a copy: observers hear of it even if nothing differs
 
+    def offer(self, name, target):
+        """Offer another loop or block, or another under a name, and choose it."""
+        with self._lock:
+            old = self.choice.value
+            self.offered[name] = self._given[name] = target
+            self._forms.pop(name, None)
+            with self._silent():
+                self.choice.options = list(self.offered)
+                self.choice.value = name
+            self._head.children = [self.choice, self._reset]
+            self._choose(old if old != name else None)
+
     def say(self, text="", refused=False):
         """Show a message under the form; screen readers announce it."""
         self._status.value = said_html(text, refused)
@@ -248,10 +260,11 @@ class Mask(W.VBox):
         return {n: self._brought(self.choice.value, n) for n in self.offered}
 
     def _brought(self, old, new):
-        """One of the loops, with what was changed in the vehicle and world of another."""
+        """One of the loops, with what was changed in the vehicle and world of another; a block, with all that was."""
         was, now, there = _settable(self._given[old]), _settable(self.offered[old]), _settable(self.offered[new])
-        return self.offered[new].with_(**{n: v for n, (_, v, _) in now.items() if n in there and v != was[n][1]
-                                          and n.split("__")[0] in WORLD})
+        carried = {n: v for n, (_, v, _) in now.items() if n in there and v != was[n][1]
+                   and (n.split("__")[0] in WORLD or isinstance(self.offered[old], Block))}
+        return self.offered[new].with_(**carried)
 
     def _put(self, target):
         """Show a target and tell the observers."""

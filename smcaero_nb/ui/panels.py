@@ -9,12 +9,12 @@ from typing import NamedTuple
 import numpy as np
 import plotly.graph_objects as go
 
-from ..core import Accuracy, Param
+from ..core import Param
 from ..core.signal import flat
 from ..core.theorem import degree, laws
 from .words import UNKNOWN, measure, shown, symbol, unit_html
 
-__all__ = ["Curve", "comparison_html", "draw", "metrics_html", "panels", "plot", "slopes", "structure"]
+__all__ = ["Curve", "comparison_html", "draw", "metrics_html", "panels", "structure"]
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")  # Okabe and Ito: told apart by everybody
 SYMBOLS = ("circle", "square", "diamond", "triangle-up", "cross")
@@ -221,55 +221,6 @@ def _traces(curves, place, several, first):
                                  hovertemplate=f"{c.label} %{{y:.4g}}{c.unit}<extra>{name}</extra>"))
         told.add(label)
     return traces
-
-
-def plot(result, states=(), phase=False):
-    """Draw what the kit computes: a run, several over one another, or a measured order of sliding.
-
-    Parameters
-    ----------
-    result : Run, dict of str to Run, or Accuracy
-        ``{name: run}`` draws each in its colour.
-    states : sequence of str
-        Of runs: plant states to draw, with the control if they have its unit.
-    phase : bool
-        Of runs: with the phase portrait, sigma' over sigma.
-
-    Returns
-    -------
-    plotly.graph_objects.Figure
-        The panels of `live`, as they are.
-
-    Examples
-    --------
-    >>> plot({law: smc.simulate(smc.lv.loop(law)) for law in ("pd", "quasi_smc")}, states=("beta",))
-    """
-    if isinstance(result, Accuracy):
-        return go.Figure(*slopes(result))
-    runs = result if isinstance(result, dict) else {"": result}
-    return go.Figure(*draw({name: panels(run, states, phase) for name, run in runs.items()}))
-
-
-def slopes(accuracy):
-    """Traces and layout of a measured order of sliding: sizes over sampling steps, both logarithmic, with lines fitted."""
-    traces = []
-    for i, (name, size, slope) in enumerate(zip(accuracy.names, accuracy.sizes, accuracy.slopes, strict=True)):
-        look = dict(x=accuracy.tau, legendgroup=name, hovertemplate=f"|{name}| %{{y:.3g}}<br>tau %{{x:.3g}} s<extra></extra>")
-        colour, good = COLOURS[i % len(COLOURS)], np.isfinite(size) & (size > 0.0)
-        label = f"|{name.replace('sigma', 'σ')}|"
-        if math.isfinite(slope):
-            middle = np.exp(np.log(size[good]).mean() + slope*(np.log(accuracy.tau) - np.log(accuracy.tau[good]).mean()))
-            traces.append(go.Scatter(y=middle, mode="lines", line=dict(color=colour, width=1), showlegend=False, **look))
-            label += f": slope {slope:.2f}"
-        traces.append(go.Scatter(y=np.where(good, size, np.nan), mode="markers", name=label,
-                                 marker=dict(color=colour, size=9, symbol=SYMBOLS[i % len(SYMBOLS)]), **look))
-    drawn = accuracy.sizes[np.isfinite(accuracy.sizes) & (accuracy.sizes > 0.0)]
-    low, high = (math.floor(np.log10(drawn.min())), math.ceil(np.log10(drawn.max()))) if drawn.size else (-1, 0)
-    high = max(high, low + 1)
-    decades = dict(type="log", exponentformat="e", range=(low - 0.1, high + 0.1), dtick=1 + (high - low)//9)
-    return traces, dict(LAYOUT, height=380, hovermode="closest", showlegend=True, xaxis=dict(
-        type="log", tickvals=accuracy.tau, ticktext=[f"{t:.3g}" for t in accuracy.tau], title_text="sampling step τ [s]"),
-        yaxis=dict(title_text="greatest size in the second half", **decades))
 
 
 def metrics_html(run):

@@ -5,9 +5,10 @@ import plotly.graph_objects as go
 
 from ..core import BlockError, ClosedLoop, ParameterError, accuracy, simulate
 from .board import FIRST, ROWS, Live
+from .charts import figure
 from .form import Page
 from .job import Job
-from .panels import LAW, comparison_html, draw, panels, slopes
+from .panels import LAW, comparison_html, draw, panels
 from .picture import Picture
 from .words import said_html, why_diverged
 from .worker import Dropped
@@ -182,7 +183,7 @@ class Certificate(Study):
         name, loop = asked
         self.result, self._below.children = None, []
         self.result = accuracy(loop, **self._times, progress=progress)
-        self._show(slopes(self.result))
+        self._show(figure(self.result))
         self._told = f"{name}: "*(name != "") + self.result.explain()
         return self._told, False
 

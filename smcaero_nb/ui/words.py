@@ -8,7 +8,7 @@ import unicodedata
 
 from ..core.signal import flat
 
-__all__ = ["UNKNOWN", "doc_html", "label", "measure", "said_html", "shown", "symbol", "unit_html", "why_diverged"]
+__all__ = ["UNKNOWN", "doc_html", "label", "measure", "result_html", "said_html", "shown", "symbol", "unit_html", "why_diverged"]
 
 SPELT = {"varepsilon": "EPSILON", "varphi": "PHI", "vartheta": "THETA", "lambda": "LAMDA", "lam": "LAMDA"}
 OTHER = {"int": "∫", "infty": "∞", "partial": "∂", "nabla": "∇", "ell": "ℓ", "cdot": "·"}
@@ -73,6 +73,14 @@ def measure(values, factor, unit):
 def said_html(text, refused):
     """A message, as a refusal or as a remark."""
     return text and f'<span class="smcaero-{"bad" if refused else "good"}">{html.escape(text, quote=False)}</span>'
+
+
+def result_html(result):
+    """What a result says of itself, as HTML; a picture says nothing."""
+    said = "" if type(result).__str__ is object.__str__ or hasattr(result, "to_plotly_json") else str(result)
+    said = re.sub(r"\b([a-z])_(\d+)", r"\1<sub>\2</sub>", html.escape(said, quote=False))
+    said = re.sub(r"\^\((\d+)\)", lambda m: f"<sup>({m[1]})</sup>" if int(m[1]) > 2 else "'"*int(m[1]), said)
+    return f'<div class="smcaero-metrics">{said}</div>' if said else ""
 
 
 def doc_html(doc):

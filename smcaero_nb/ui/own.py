@@ -1,0 +1,213 @@
+"""What a person brings and takes away: files of numbers, transfer functions, results."""
+
+import inspect
+import io
+import math
+import pathlib
+import re
+
+import anywidget
+import ipywidgets as W
+import traitlets
+
+from ..core import ParameterError, Table
+from .form import Page
+from .words import said_html
+
+__all__ = ["Download", "TransferFunction", "Upload", "transfer_function", "upload"]
+
+NOTHING = "–"
+
+
+class Download(anywidget.AnyWidget):
+    """A button that saves what `make` returns, a text, as a file."""
+
+    _esm = pathlib.Path(__file__).parent / "download.js"
+    file = traitlets.Unicode().tag(sync=True)  # its name; empty: no button
+
+    def __init__(self, make):
+        self._make = make
+        super().__init__()
+        self.on_msg(lambda *_: self.send({}, [self._make().encode()]))
+
+    def show(self, file):
+        """Offer the file under this name, or nothing."""
+        self.file = file or ""
+
+
+class Own(W.VBox):
+    """Something of one's own for the mask of a live plot: entries, and a message."""
+
+    def __init__(self, live, head):
+        self.live, self._message, self._head = live, W.HTML(), W.HBox(head)
+        super().__init__([self._head, self._message, Page()])
+        for w, name in ((self, "study"), (self, "own"), (self._head, "choices"), (self._message, "status")):
+            w.add_class(f"smcaero-{name}")
+
+    @property
+    def status(self):
+        """What the message says."""
+        return re.sub("<.*?>", "", self._message.value)
+
+    def _offer(self, make):
+        """Offer what `make` returns, (name, block, what to say), or say why not."""
+        try:
+            name, made, said = make()
+        except ParameterError as why:
+            self._message.value = said_html(str(why), True)
+            return
+        self._message.value = said_html(said, False)
+        self.live.mask.offer(name, made)
+
+
+class Upload(Own):
+    """A button that reads a file of one's own, and lists that say which column is what; made by `upload`."""
+
+    def __init__(self, live, read, make):
+        self._read, self._make, self._file, self._quiet = read, make, None, False
+        self.button = W.FileUpload(accept=".csv,.txt,.tsv,.dat", description="Your own file", tooltip="A text file of numbers")
+        self.entries = {}
+        for n, a in list(inspect.signature(read).parameters.items())[1:]:
+            kind = W.Dropdown if a.kind is a.POSITIONAL_OR_KEYWORD else W.Text
+            self.entries[n] = kind(description=n.replace("_", " "), layout=W.Layout(width="180px"),
+                                   style=dict(description_width="76px"))
+            self.entries[n].continuous_update = False  # of an entry
+            self.entries[n].observe(lambda _: self._quiet or self._taken(), "value")
+        super().__init__(live, [self.button])
+        self.button.observe(self._given, "value")
+
+    def _given(self, change):
+        """A file came: guess its columns, and take it."""
+        if not change.new:
+            return
+        file, = change.new
+        self.take(file["name"], bytes(file["content"]))
+        self.button.value = ()  # so that the same file can be given again
+
+    def take(self, name, content):
+        """Take a file, as if it had been given by hand."""
+        self._file = name, content
+        self._quiet = True
+        try:
+            names = Table("upload", self._stream()).names
+        except ParameterError as why:
+            self._message.value, self._head.children = said_html(str(why), True), [self.button]
+            return
+        finally:
+            self._quiet = False
+        self._quiet, columns = True, [n for n, w in self.entries.items() if isinstance(w, W.Dropdown)]
+        for i, n in enumerate(columns):
+            alike = next((q for q in names if q.lower() == n), None)
+            likely = i < len(names) and (i < 2 or len(names) == len(columns))
+            self.entries[n].options = [NOTHING, *dict.fromkeys(names)]
+            self.entries[n].value = alike or (names[i] if likely else NOTHING)
+        for w in self.entries.values():
+            if isinstance(w, W.Text):
+                w.value = ""
+        self._quiet, self._head.children = False, [self.button, *self.entries.values()]
+        self._taken()
+
+    def _stream(self):
+        stream = io.BytesIO(self._file[1])
+        stream.name = self._file[0]
+        return stream
+
+    def _taken(self):
+        self._offer(self._block)
+
+    def _block(self):
+        chosen = {n: w.value.strip() for n, w in self.entries.items() if w.value and w.value.strip() != NOTHING}
+        given = {n: _number(n, q) if isinstance(self.entries[n], W.Text) else q for n, q in chosen.items()}
+        record = self._read(self._stream(), **given)
+        return self._file[0], self._make(record), f"{record.about}."
+
+
+class TransferFunction(Own):
+    """Two entries, the coefficients of a transfer function; made by `transfer_function`."""
+
+    def __init__(self, live, make):
+        self._make = make
+        self.entries = {n: W.Text(value, description=n, layout=W.Layout(width="300px"), style=dict(description_width="90px"),
+                                  tooltip="Coefficients, highest power first, with blanks or commas between them")
+                        for n, value in (("numerator", "1"), ("denominator", "1 3 3 1"))}
+        self.button = W.Button(description="Identify", icon="check", tooltip="Offer this transfer function in the mask")
+        self.button.on_click(lambda _: self._offer(self._block))
+        super().__init__(live, [*self.entries.values(), self.button])
+
+    def _block(self):
+        import control  # it takes a second to import, so only here
+
+        num, den = ([_number(n, q) for q in re.split(r"[,;\s]+", w.value.strip())] for n, w in self.entries.items())
+        for n, q in (("numerator", num), ("denominator", den)):
+            if not any(q):
+                raise ParameterError(f"{n}: {self.entries[n].value!r} is not allowed; one of its coefficients must not be 0")
+        name = f"({_polynomial(num)})/({_polynomial(den)})"
+        made = self._make(control.tf(num, den, name="own"))
+        made()  # an improper one is refused here
+        return name, made, f"{name} is chosen in the mask."
+
+
+def _number(name, text):
+    """A finite number, or the error that names its entry."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise ParameterError(f"{name.replace('_', ' ')}: {text!r} is not a finite number")
+    return value
+
+
+def _polynomial(coefficients):
+    """A polynomial in s, written out."""
+    terms = []
+    for i, c in zip(range(len(coefficients) - 1, -1, -1), coefficients, strict=True):
+        power = "s" + f"^{i}"*(i > 1) if i else ""
+        if c:
+            terms.append(f"{c:g}"*(abs(c) != 1.0 or not i) + "-"*(c == -1.0 and i > 0) + power)
+    return " + ".join(terms).replace("+ -", "- ")
+
+
+def upload(live, read, make):
+    """A button with which a person adds a file of numbers to what a live plot offers.
+
+    Parameters
+    ----------
+    live : Live
+    read : function
+        Reads an open file, given the names of its columns: `prd.read_csv` or `differentiators.read_csv`. Lists ask for the
+        columns, entries for what else it takes.
+    make : function
+        Makes a block of what was read: `prd.experiment` or `differentiators.trial`.
+
+    Returns
+    -------
+    Upload
+        A widget.
+
+    Examples
+    --------
+    >>> own = upload(live(smc.prd.experiment(smc.lv.transfer_function())), smc.prd.read_csv, smc.prd.experiment)
+    """
+    return Upload(live, read, make)
+
+
+def transfer_function(live, make):
+    """Entries with which a person adds an own transfer function, typed as coefficients, to what a live plot offers.
+
+    Parameters
+    ----------
+    live : Live
+    make : function
+        Makes a block of a `control.TransferFunction`: `prd.experiment`.
+
+    Returns
+    -------
+    TransferFunction
+        A widget.
+
+    Examples
+    --------
+    >>> own = transfer_function(live(smc.prd.experiment(smc.lv.transfer_function())), smc.prd.experiment)
+    """
+    return TransferFunction(live, make)
