@@ -408,11 +408,11 @@ def test_hosm_design_with_other_parameters(runs, changes, J_e):
     assert runs("hosm", **{f"law__{name}": v for name, v in changes.items()}).mean_e[0] == near(J_e, 0.03)
 
 
-@pytest.mark.parametrize(("cycle", "within"), [((0.00155, 4.19), 0.04), ((0.00149, 4.39), 0.1)], ids=["simulated", "predicted"])
+@pytest.mark.parametrize(("cycle", "within"), [((0.00155, 4.19), 0.03), ((0.00149, 4.39), 0.07)], ids=["simulated", "predicted"])
 def test_limit_cycle_that_the_servo_leaves(cycle, within):
     """Amplitude [rad] and frequency [rad/s] of the pitch error; the second by describing function."""
     run = simulate(lv.loop("hosm"), record=6000)
-    t, e = run.t[run.t > 22.0], run.e[0][run.t > 22.0]
+    t, e = run.t[run.t > 20.0], run.e[0][run.t > 20.0]
     e -= e.mean()
     up = t[1:][np.diff(np.sign(e)) > 0]
     assert (np.ptp(e)/2, 2*math.pi*(len(up) - 1)/(up[-1] - up[0])) == pytest.approx(cycle, rel=within)
@@ -441,6 +441,22 @@ def test_hosm_designs_of_the_pitch_angle_alone(row):
     angle = dict(output=lv.pitch, differentiator=differentiator(row.n_d, of="y").with_(L=10.0), surface=truncated(row.n_d))
     run = simulate(lv.loop("hosm", row.preset).with_(**angle))
     assert run.mean_e[0] == pytest.approx(row.measured, rel=0.03)
+
+
+@block
+def noisy(t, x, eps=1e-4):
+    """The pitch angle with noise as good as normal, of standard deviation eps [rad]."""
+    p, q = math.sin(t*78.233e4)*43758.5453, math.sin(t*132.996e4 + 1.0)*24634.6345
+    return x[3] + x[5] + eps*math.sqrt(-2.0*math.log(1e-12 + p - math.floor(p)))*math.cos(2.0*math.pi*(q - math.floor(q))), 0.0
+
+
+def test_the_pitch_angle_in_noise():
+    """Held in 1e-4 rad; with relative degree 3 lost in 1e-6 rad and steps of 1 ms, unless the differentiator's L is larger."""
+    held = lv.loop("hosm", "output_feedback").with_(output=noisy, differentiator__L=3.0)
+    assert simulate(held).mean_e[0] == pytest.approx(0.0040, rel=0.03)
+    r3 = lv.loop("hosm", "r3").with_(output=noisy.with_(eps=1e-6), surface=truncated(3), differentiator=differentiator(3, of="y"))
+    assert simulate(r3.with_(differentiator__L=10.0), dt=1e-3).mean_e[0] > 0.01
+    assert simulate(r3.with_(differentiator__L=30.0), dt=1e-3).mean_e[0] == pytest.approx(0.0046, rel=0.05)
 
 
 @pytest.mark.parametrize(("L", "J_e"), DIFFERENTIATED)
