@@ -11,7 +11,7 @@ from .core import Param, ParameterError, block
 from .core.param import positive
 from .core.signal import first
 
-__all__ = ["coefficients", "differenced", "itae", "polynomial"]
+__all__ = ["coefficients", "differenced", "itae", "polynomial", "truncated"]
 
 #: s^p + ... + 1, coefficients of descending powers after the first: minimal integral of time times absolute error.
 #: classical: D. Graham and R. C. Lathrop, AIEE Trans. 72 (1953) 273; optimal: the same criterion, recomputed.
@@ -262,3 +262,44 @@ def differenced(r):
     exec(text, names := {"__name__": __name__})
     names["differenced"].__doc__ = differenced.__doc__
     return block(state=dict(last=(0.0, LAST), known=(0.0, KNOWN)))(names["differenced"])
+
+
+def truncated(r):
+    r"""The error with as many derivatives as a law is for, of a differentiator that gives more.
+
+    .. math:: (\sigma, \dot\sigma, ..., \sigma^{(r-1)}) = (e, \dot e, ..., e^{(r-1)})
+
+    Parameters
+    ----------
+    r : int
+        Relative degree of the law, 1 to 6.
+
+    Returns
+    -------
+    Block
+        A surface for `ClosedLoop`, which gives r values; a number where r = 1.
+
+    Raises
+    ------
+    ParameterError
+        A number that is not allowed.
+
+    Notes
+    -----
+    The highest derivative that a differentiator gives is the one that chatters; of an order higher than r - 1 it gives the law
+    smooth ones. For laws of the whole tuple (`smc.hosmc`); `itae` and `polynomial` take what they need by themselves.
+
+    References
+    ----------
+    Paper eqs (26), (41). A. Levant, Int. J. Control 76 (2003) 924.
+
+    Examples
+    --------
+    >>> truncated(2)((0.1, 0.2, 0.3))
+    (0.1, 0.2)
+    """
+    r = Param(low=1, high=6).check("truncated", "r", r, int)
+    parts = ", ".join(f"e[{i}]" for i in range(r)) if r > 1 else "first(e)"
+    exec(f"def truncated(e):\n    return {parts}", names := {"first": first, "__name__": __name__})
+    names["truncated"].__doc__ = truncated.__doc__
+    return block(names["truncated"])

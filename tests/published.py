@@ -70,4 +70,23 @@ RECOMMENDED = [
     Case("adaptive_super_twisting", "eq69", 0.00518, 0.2774, 0.0070, 0.0074, 0.0066, 0.00511, 0.00517, 0.03),
     Case("adaptive_super_twisting", "itae2", 0.00423, 0.2671, 0.0045, 0.0052, 0.0044, 0.00418, 0.00422, 0.03),
     Case("adaptive_super_twisting", "r3", 0.00539, 0.2675, 0.0046, 0.0053, 0.0047, 0.00513, 0.00541, 0.03),
+    Case("hosm", "recommended", 0.00399, 0.2674, 0.0037, 0.0043, 0.0037, 0.00398, 0.00399, 0.03),
+    Case("hosm", "r3", 0.00403, 0.2672, 0.0044, 0.0041, 0.0043, 0.00410, 0.00403, 0.03),
+    Case("hosm", "raised", 0.00657, 0.2690, 0.0063, 0.0067, 0.0057, 0.00717, 0.00650, 0.03),
+]
+
+#: The same study, more of HOSM: greatest u [rad], its variation per second in the last 10 s, J_e with twice the perturbation,
+#: J_e of the pitch angle alone (differentiator of order n_d, L = 10). Relative tolerance 3 %.
+Hosm = namedtuple("Hosm", "preset max_u variation twice n_d measured")
+HOSM = [Hosm("recommended", 0.404, 0.107, 0.0052, 2, 0.00399), Hosm("r3", 0.411, 0.210, 0.0090, 3, 0.00403),
+        Hosm("raised", 0.422, 0.294, 0.150, 3, 0.00658)]
+
+#: The same study, quasi-SMC on (69), the error and its rate from a differentiator of order 2 of e: L; J_e, None where it
+#: diverges. Relative tolerance 3 %.
+DIFFERENTIATED = [(1.0, None), (10.0, 0.0080), (100.0, 0.0070)]
+
+#: The same study, changes of the recommended HOSM design: J_e. Relative tolerance 3 %, as far as the digits go.
+HOSM_CHANGED = [
+    (dict(L=0.15), 0.0057), (dict(L=0.6), 0.0068),
+    (dict(alpha_r=0.75, gamma_1=0.25, gamma_2=0.5, L=0.25, r_0=0.15, eps=0.007, tau_f=1.3), 0.0046),  # the paper's power
 ]

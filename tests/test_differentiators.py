@@ -7,7 +7,6 @@ import tracemalloc
 import numpy as np
 import pytest
 
-import smcaero_nb as smc
 from smcaero_nb import BlockError, ClosedLoop, Param, ParameterError, block, channels, hosmc, simulate
 from smcaero_nb.applications import chain, chain_output, chain_perturbation, dc_motor
 from smcaero_nb.differentiators import LAMBDA, differentiate, differentiator, lipschitz, observer
@@ -495,24 +494,6 @@ def test_every_law_runs_with_an_estimate_in_place_of_the_state(family, r):
     run = simulate(feedback(law, r, "implicit", L), 20.0, tau, method="rk4", record=20_000, jit=jit)
     assert run.diverged_at is None
     assert sum(v**(1/(r - i)) for i, v in enumerate(tail(run, 3.0))) < 0.5
-
-
-@block
-def two(e):
-    return e[0], e[1]
-
-
-@block
-def three(e):
-    return e[0], e[1], e[2]
-
-
-@pytest.mark.parametrize(("preset", "n_d", "J_e", "needed"), [("recommended", 2, 0.00399, two), ("raised", 3, 0.00658, three)])
-def test_launch_vehicle_with_the_pitch_alone(preset, n_d, J_e, needed):
-    """Of theta and not of e, whose steps the differentiator would have to follow; the law gets as many as it is for."""
-    loop = smc.lv.loop("hosm", preset)
-    run = simulate(loop.with_(differentiator=differentiator(n_d, of="y").with_(L=10.0), surface=needed))
-    assert run.mean_e[0] == pytest.approx(J_e, rel=0.01)
 
 
 # ---- observer ----------------------------------------------------------------------------------------------------

@@ -9,12 +9,14 @@ import pytest
 import scipy.sparse as sparse
 from hypothesis import given
 from hypothesis import strategies as st
-from published import DYNAMICS, PD_GAINS, RECOMMENDED, TABLE_3, TRANSFER_FUNCTION
+from published import DIFFERENTIATED, DYNAMICS, HOSM, HOSM_CHANGED, PD_GAINS, RECOMMENDED, TABLE_3, TRANSFER_FUNCTION
 from scipy.linalg import expm
 from scipy.optimize import linprog
 
 import smcaero_nb as smc
-from smcaero_nb import ClosedLoop, ParameterError, block, lv, simulate
+from smcaero_nb import ClosedLoop, ParameterError, block, hosmc, lv, simulate
+from smcaero_nb.differentiators import differentiator
+from smcaero_nb.surface import truncated
 
 SI = SimpleNamespace(**lv.launcher.values)
 COMBINATIONS = {
@@ -261,7 +263,7 @@ def test_figures_of_the_designs(runs, row):
     run = runs(row.law, row.preset)
     assert run.mean_e[0] == pytest.approx(row.J_e, rel=row.within)
     assert run.mean_u == pytest.approx(row.J_u, rel=0.01)
-    assert 0.41 <= run.max_u <= 0.58 + 1e-3
+    assert 0.40 <= run.max_u <= 0.58 + 1e-3
     assert run.diverged_at is None and run.steps == 300_000
 
 
@@ -280,13 +282,14 @@ def test_figures_without_the_perturbation(runs, row):
 def test_figures_hardly_depend_on_the_step(runs, row):
     fine = simulate(lv.loop(row.law, row.preset), dt=1e-5).mean_e[0]
     assert fine == pytest.approx(row.fine, rel=row.within)
-    assert fine == pytest.approx(runs(row.law, row.preset).mean_e[0], rel=5e-3)
+    assert fine == pytest.approx(runs(row.law, row.preset).mean_e[0], rel=0.015 if row.preset == "raised" else 5e-3)
     assert simulate(lv.loop(row.law, row.preset), dt=1e-3).mean_e[0] == pytest.approx(row.coarse, rel=row.within)
 
 
 def test_names_of_the_presets():
     for law in ("quasi_smc", "adaptive_super_twisting"):
         assert {"recommended", "eq69", "itae2", "r3"} <= {*lv.PRESETS[law]}
+    assert {"recommended", "r3", "raised"} <= {*lv.PRESETS["hosm"]}
     assert {"paper"} <= {*lv.PRESETS["quasi_smc"]} and "paper" in lv.PRESETS["pd"]
     assert repr(lv.loop("quasi_smc", "itae2")).split("\n")[1:] == repr(lv.loop("quasi_smc")).split("\n")[1:]
     assert repr(lv.loop()).split("\n")[1:] == repr(lv.loop("adaptive_super_twisting", "itae2")).split("\n")[1:]
@@ -358,7 +361,7 @@ def test_a_relay_behind_an_actuator_is_a_limit_cycle(runs):
 
 def test_sliding_mode_beats_pd_by_the_factor_of_the_study(runs):
     """About 26 to 45 times better; all with the perturbation in rad."""
-    ratios = [runs("pd").mean_e[0]/runs(row.law, row.preset).mean_e[0] for row in RECOMMENDED[1:]]
+    ratios = [runs("pd").mean_e[0]/runs(row.law, row.preset).mean_e[0] for row in RECOMMENDED[1:] if row.law != "hosm"]
     assert min(ratios) == pytest.approx(26, abs=1) and max(ratios) == pytest.approx(45, abs=1)
 
 
@@ -376,6 +379,116 @@ def test_narrow_window_of_linear_gains():
         return max(np.linalg.eigvals(closed).real) < 0
 
     assert [stable(k) for k in (2.60, 2.63, 5.0, 7.27, 7.31)] == [False, True, True, True, False]
+
+
+# ---- higher order ------------------------------------------------------------------------------------------------------
+hosm = pytest.mark.parametrize("row", HOSM, ids=lambda row: row.preset)
+
+
+@hosm
+def test_control_of_the_hosm_designs(row):
+    run = simulate(lv.loop("hosm", row.preset), tail=1/3)
+    assert run.max_u == pytest.approx(row.max_u, rel=0.03)
+    assert run.metrics().variation_u == pytest.approx(row.variation, rel=0.1)
+
+
+def test_the_gain_of_the_hosm_design_once_large_comes_down(runs):
+    run = runs("hosm")
+    L = np.interp([0.0, 1.0, 2.0, 10.0, 30.0], run.t, run.z.law.L)
+    assert pytest.approx([0.3, 0.1, 0.035, 0.0135, 0.011], rel=0.1) == L
+
+
+@hosm
+def test_hosm_designs_with_twice_the_perturbation(runs, row):
+    assert runs("hosm", row.preset, perturbation__f_0=0.4, perturbation__f_1=0.2).mean_e[0] == near(row.twice, 0.03)
+
+
+@pytest.mark.parametrize(("changes", "J_e"), HOSM_CHANGED)
+def test_hosm_design_with_other_parameters(runs, changes, J_e):
+    assert runs("hosm", **{f"law__{name}": v for name, v in changes.items()}).mean_e[0] == near(J_e, 0.03)
+
+
+@pytest.mark.parametrize(("cycle", "within"), [((0.00155, 4.19), 0.03), ((0.00149, 4.39), 0.07)], ids=["simulated", "predicted"])
+def test_limit_cycle_that_the_servo_leaves(cycle, within):
+    """Amplitude [rad] and frequency [rad/s] of the pitch error; the second by describing function."""
+    run = simulate(lv.loop("hosm"), record=6000)
+    t, e = run.t[run.t > 20.0], run.e[0][run.t > 20.0]
+    e -= e.mean()
+    up = t[1:][np.diff(np.sign(e)) > 0]
+    assert (np.ptp(e)/2, 2*math.pi*(len(up) - 1)/(up[-1] - up[0])) == pytest.approx(cycle, rel=within)
+
+
+@pytest.mark.parametrize("law", ["quasi_smc", "adaptive_super_twisting", "hosm"])
+def test_the_pitch_angle_alone_will_do(runs, law):
+    """With a rate sensor that lies, too."""
+    measured, known = runs(law, "output_feedback"), runs(law)
+    assert measured.mean_e[0] == pytest.approx(known.mean_e[0], rel=0.03)
+    assert measured.mean_u == pytest.approx(known.mean_u, rel=0.01)
+    assert measured.max_u == pytest.approx(known.max_u, rel=0.03)
+    assert measured.metrics().variation_u < 2*known.metrics().variation_u
+
+    @block
+    def broken(x):
+        return x[3] + x[5], 1e3
+
+    blind = simulate(lv.loop(law, "output_feedback").with_(output=broken))
+    assert blind.mean_e[0] == measured.mean_e[0]
+
+
+@hosm
+def test_hosm_designs_of_the_pitch_angle_alone(row):
+    """Of theta and not of e, whose steps the differentiator would have to follow."""
+    angle = dict(output=lv.pitch, differentiator=differentiator(row.n_d, of="y").with_(L=10.0), surface=truncated(row.n_d))
+    run = simulate(lv.loop("hosm", row.preset).with_(**angle))
+    assert run.mean_e[0] == pytest.approx(row.measured, rel=0.03)
+
+
+@block
+def noisy(t, x, eps=1e-4):
+    """The pitch angle with noise as good as normal, of standard deviation eps [rad]."""
+    p, q = math.sin(t*78.233e4)*43758.5453, math.sin(t*132.996e4 + 1.0)*24634.6345
+    return x[3] + x[5] + eps*math.sqrt(-2.0*math.log(1e-12 + p - math.floor(p)))*math.cos(2.0*math.pi*(q - math.floor(q))), 0.0
+
+
+def test_the_pitch_angle_in_noise():
+    """Held in 1e-4 rad; with relative degree 3 lost in 1e-6 rad and steps of 1 ms, unless the differentiator's L is larger."""
+    held = lv.loop("hosm", "output_feedback").with_(output=noisy, differentiator__L=3.0)
+    assert simulate(held).mean_e[0] == pytest.approx(0.0040, rel=0.03)
+    r3 = lv.loop("hosm", "r3").with_(output=noisy.with_(eps=1e-6), surface=truncated(3), differentiator=differentiator(3, of="y"))
+    assert simulate(r3.with_(differentiator__L=10.0), dt=1e-3).mean_e[0] > 0.01
+    assert simulate(r3.with_(differentiator__L=30.0), dt=1e-3).mean_e[0] == pytest.approx(0.0046, rel=0.05)
+
+
+@pytest.mark.parametrize(("L", "J_e"), DIFFERENTIATED)
+def test_quasi_smc_with_a_differentiator_of_the_error(L, J_e):
+    run = simulate(lv.loop("quasi_smc", "eq69").with_(differentiator=differentiator(2).with_(L=L)))
+    assert run.mean_e[0] == pytest.approx(J_e, rel=0.03) if J_e else run.diverged_at is not None
+
+
+@pytest.mark.parametrize(("r", "law"), [(2, "recommended"), (3, "r3")])
+def test_the_defaults_of_the_law_diverge(r, law):
+    loop = lv.loop("hosm", law).with_(law=hosmc.adaptive_continuous(r))
+    for changes in ({}, dict(perturbation=None)):
+        assert simulate(loop.with_(**changes)).diverged_at < 30.0
+
+
+def test_why_the_defaults_diverge(runs):
+    """Gains, filter and least gain, each of them put into the design that works; and the window of the gains, of linear ones."""
+    works, gains = runs("hosm"), runs("hosm", law__gamma_1=9.0, law__gamma_2=6.0)
+    filtered, least = runs("hosm", law__tau_f=0.01), runs("hosm", law__l_0=0.2)
+    assert gains.tail_e[0] > 0.3 and gains.mean_u > 10*works.mean_u
+    assert filtered.z.law.L[-1] > 100*works.z.law.L[-1] and filtered.mean_u > 10*works.mean_u
+    assert least.tail_e[0] > 5*works.tail_e[0] and least.mean_u > 1.5*works.mean_u
+    assert runs("hosm", law__tau_f=0.5).tail_e[0] < 2*works.tail_e[0]
+
+    A, B = matrices()
+    rate = np.array([0, 0, 0, 0, 1.0, 0, 1.0])
+
+    def stable(w):
+        """u = -(w^2 e + 2 w e')/0.75."""
+        return max(np.linalg.eigvals(A + np.outer(B, w*w*C + 2.0*w*rate)/0.75).real) < 0
+
+    assert [stable(w) for w in (0.62, 0.645, 2.0, 2.69, 2.72, 3.0)] == [False, True, True, True, False, False]
 
 
 # ---- what no control can do --------------------------------------------------------------------------------------------

@@ -245,9 +245,15 @@ def test_differenced(r):
     assert block(e, (0.0, 1.0), 0.5)[0][-1] == pytest.approx(2.0*last)  # a value of 0 counts like any other
 
 
+def test_truncated():
+    assert smc.surface.truncated(1)((0.1, 0.2)) == smc.surface.truncated(1)(0.1) == 0.1
+    assert smc.surface.truncated(3)((0.1, 0.2, 0.3, 0.4)) == (0.1, 0.2, 0.3)
+
+
 def test_what_does_not_matter_is_checked_all_the_same():
     for call in (lambda: smc.surface.itae(1, integral=False, table="nonsense"), lambda: smc.surface.itae(1, 1.0, False, rule="x"),
-                 lambda: smc.surface.coefficients(1, "x", integral=False), lambda: smc.surface.differenced(6)):
+                 lambda: smc.surface.coefficients(1, "x", integral=False), lambda: smc.surface.differenced(6),
+                 lambda: smc.surface.truncated(0)):
         with pytest.raises(smc.ParameterError):
             call()
     with pytest.raises(smc.ParameterError, match="derivative = 'x' is not allowed"):

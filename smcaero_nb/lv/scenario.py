@@ -1,11 +1,12 @@
 """The launch vehicle's loops: laws and presets, with their sources; the paper's transfer function."""
 
 from ..core import ClosedLoop, ParameterError
+from ..differentiators import differentiator
 from ..hosmc import adaptive_continuous, integrated, quasi_continuous
 from ..pid import pd, pid
 from ..smc1 import quasi_smc, sign_smc
 from ..smc2 import adaptive_super_twisting
-from ..surface import itae, polynomial
+from ..surface import itae, polynomial, truncated
 from .plant import gimbal_to_control, launcher, misalignment, pitch, pitch_and_acceleration, steps
 
 __all__ = ["PRESETS", "loop", "transfer_function"]
@@ -14,6 +15,7 @@ _r2 = dict(output=pitch, allocation=gimbal_to_control)  # relative degree 2, the
 _r3 = dict(output=pitch_and_acceleration, allocation=gimbal_to_control)
 _rigid = dict(output=pitch, allocation=gimbal_to_control.with_(G0=-0.75))  # -l_g R/I
 _servo = dict(output=pitch_and_acceleration, allocation=gimbal_to_control.with_(G0=-3.75))  # -l_g R/(I tau_act)
+_measured = dict(differentiator=differentiator(2, of="y").with_(L=10.0))  # the pitch angle alone is; order 1 would chatter
 _eq69 = polynomial((1.75, 1.56))
 _itae2 = dict(_r2, surface=itae(2, 10.0), law=quasi_smc.with_(rho=2.0, eps=0.25))
 _itae2_stw = dict(_rigid, surface=itae(2, 10.0/0.55), law=adaptive_super_twisting.with_(
@@ -24,14 +26,16 @@ _hosm_r3 = adaptive_continuous(3).with_(gamma_1=3.2, gamma_2=4.6, gamma_3=3.1, a
                                         eps=0.005, tau_f=3.5)
 _pd = dict(_r2, law=pd.with_(k_p=1.87, k_d=2.13))  # eq (67), which takes zeta = 0.8 for the printed k_d, not 0.7
 
-#: {law: {preset: stages of the loop}}. `paper` is the design as printed, `recommended` the best found on this scenario;
-#: `eq69`, `itae2`, `r3` name the sliding variable. The paper prints no gains for the other laws.
+#: {law: {preset: stages of the loop}}. `paper` is the design as printed, `recommended` the best found on this scenario,
+#: `output_feedback` the same of the pitch angle alone; `eq69`, `itae2`, `r3` name the sliding variable. The paper prints no gains
+#: for the other laws.
 PRESETS = {
     "pd": {"recommended": _pd, "paper": _pd},
     "pid": {"recommended": dict(_r2, law=pid.with_(k_p=1.87, k_i=1.0, k_d=2.13))},
     "sign_smc": {"recommended": dict(_r2, surface=itae(2, 10.0), law=sign_smc.with_(rho=0.6))},
     "quasi_smc": {
         "recommended": _itae2,
+        "output_feedback": dict(_itae2, **_measured),
         "paper": dict(_r2, surface=_eq69, law=quasi_smc.with_(rho=0.45, eps=0.1)),
         "eq69": dict(_r2, surface=_eq69, law=quasi_smc.with_(rho=2.5, eps=0.45)),
         "itae2": _itae2,
@@ -39,6 +43,7 @@ PRESETS = {
     },
     "adaptive_super_twisting": {
         "recommended": _itae2_stw,
+        "output_feedback": dict(_itae2_stw, **_measured),
         "eq69": dict(_rigid, surface=_eq69, law=adaptive_super_twisting.with_(
             gamma=0.02, mu=0.1, lam_min=0.2, eps=0.005, eta=0.05, lam=1.25)),
         "itae2": _itae2_stw,
@@ -47,6 +52,7 @@ PRESETS = {
     },
     "hosm": {  # sigma = e; the defaults of the law diverge behind the servo, which is slower than they are
         "recommended": dict(_rigid, law=_hosm),
+        "output_feedback": dict(_rigid, surface=truncated(2), law=_hosm, **_measured),
         "r3": dict(_servo, law=_hosm_r3),
         "raised": dict(_r3, law=quasi_continuous(3).with_(alpha=8.0, L=0.035), allocation=integrated.with_(G0=-0.75)),
     },
@@ -54,22 +60,24 @@ PRESETS = {
 
 
 def loop(law="adaptive_super_twisting", preset="recommended"):
-    """The launch vehicle under a law: command (68), perturbation (72), 30 s from rest.
+    r"""The launch vehicle under a law: command (68), perturbation (72), 30 s from rest.
 
     Parameters
     ----------
     law : str
-        ``"pd"``, ``"pid"``, ``"sign_smc"``, ``"quasi_smc"``, ``"adaptive_super_twisting"`` or ``"hosm"`` (adaptive continuous
-        higher-order sliding mode control).
+        ``"quasi_smc"`` (the paper's 1-SMC LV), ``"adaptive_super_twisting"`` (its 2-SMC LV) or ``"hosm"`` (its HOSMC LV: adaptive
+        continuous higher-order sliding mode control of sigma = e); ``"pd"``, ``"pid"`` and ``"sign_smc"`` to compare with.
     preset : str
-        ``"recommended"`` (tuned on this scenario), ``"paper"`` (as printed: PD and quasi-SMC only), ``"eq69"``,
-        ``"itae2"`` or ``"r3"`` (by sliding variable: the paper's, ITAE of degree 2, relative degree 3); for ``"hosm"`` also
-        ``"raised"`` (a quasi-continuous law on the derivative of the control).
+        ``"recommended"`` (tuned on this scenario, of pitch angle and rate), ``"output_feedback"`` (the same of the angle alone,
+        through a differentiator of order 2), ``"paper"`` (as printed: PD and quasi-SMC only), ``"eq69"``, ``"itae2"`` or ``"r3"``
+        (by sliding variable: the paper's, ITAE of degree 2, relative degree 3); for ``"hosm"`` also ``"raised"`` (a
+        quasi-continuous law on the derivative of the control).
 
     Returns
     -------
     ClosedLoop
-        With duration 30 s and dt 1e-4 s; the paper's own dt is 1e-5 s and changes the figures by less than 0.5 %.
+        With duration 30 s and dt 1e-4 s; the paper's own dt is 1e-5 s and changes the figures by less than 0.5 %
+        (``"raised"``: 1 %).
 
     Raises
     ------
@@ -78,6 +86,15 @@ def loop(law="adaptive_super_twisting", preset="recommended"):
 
     Notes
     -----
+    The textbook parameters of ``"hosm"`` diverge here, because of the servo: without the powers, gains of
+    :math:`(p + \omega)^2` hold the vehicle for 0.63 < omega < 2.7 rad/s only, the default being 3; the default filter, 0.01 s,
+    takes the limit cycle that the servo leaves, of 1.5 s, for perturbation, and L grows without end; and the default least L is
+    twenty times what is needed.
+
+    The differentiator takes the pitch angle, not the error, whose steps it would have to follow. Order 1 would do for the law,
+    but the control would chatter. ``"r3"`` and ``"raised"`` need order 3, see the example; with steps of 1 ms, noise of 1e-6 rad
+    is then too much for ``"r3"``, while ``"output_feedback"`` of HOSM with L = 3 bears 1e-4 rad.
+
     Errata: the paper's quasi-SMC, rho + L = 0.45 and eps = 0.1 on (69), diverges on its own full plant. No row of its
     Table 3 can hold with the perturbation (72) in rad: no control whatever reaches the printed J_e with less than
     J_u = 0.22, twice what the table prints at most.
@@ -90,6 +107,9 @@ def loop(law="adaptive_super_twisting", preset="recommended"):
     --------
     >>> round(simulate(loop("quasi_smc", "eq69")).metrics().J_e, 4)
     0.0074
+    >>> angle = dict(output=pitch, differentiator=differentiator(3, of="y").with_(L=10.0), surface=truncated(3))
+    >>> round(simulate(loop("hosm", "raised").with_(**angle)).metrics().J_e, 3)
+    0.007
     """
     if law not in PRESETS:
         raise ParameterError(f"lv.loop: law = {law!r} is not allowed; it must be one of {', '.join(PRESETS)}")
