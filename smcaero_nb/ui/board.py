@@ -143,7 +143,7 @@ class Live(W.Box):
         self._drawn, self.run, self.curves, self._metrics.value = choice, result, {}, result_html(result)
         self._download.show(hasattr(result, "to_csv") and f"{choice or block.name}.csv")
         self._picture.show(*drawn)
-        return " ".join(f"{q.message}." for q in remarks), False
+        return " ".join(dict.fromkeys(f"{q.message}." for q in remarks)), False
 
     def _show(self, curves):
         """Draw the curves; only their numbers travel if the panels stay."""

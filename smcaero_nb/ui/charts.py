@@ -196,7 +196,8 @@ def _trial(trial):
     for q in points:
         if q.mode == "markers" and len(names) > 7:
             q.showlegend = False  # no room for so many
-    errors = [bars], dict(tickvals=np.arange(len(names)), ticktext=names), dict(_decades(trial.errors), title_text="greatest error, second half")
+    errors = [bars], dict(tickvals=np.arange(len(names)), ticktext=names), dict(
+        _decades(trial.errors), title_text="greatest error, second half")
     return _beside(stack, [errors, (points, x, y)])
 
 
