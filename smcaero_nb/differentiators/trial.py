@@ -16,7 +16,7 @@ from .sampled import METHODS, per
 __all__ = ["Signal", "Trial", "read_csv", "trial"]
 
 FACTORS = (4.0, 2.0, 1.0, 0.5, 0.25)  # times tau: sampling steps of the accuracy
-MOST = 500_000  # samples of a trial
+LEAST, MOST = 100, 500_000  # samples of a trial
 EXACT = 1e-14  # of the signal; less is rounding
 
 Order = Annotated[int, Param("n_d", low=0, high=12, help="highest derivative estimated")]
@@ -119,15 +119,6 @@ def read_csv(path, t=None, f=None):
     return Signal(table.times(t), table.column("f", f)[0], table.name, table.about(t=t, f=f))
 
 
-def _sampled(tau, jitter, duration, rng):
-    """Times, every tau give or take."""
-    n = round(duration/tau)
-    if not 20 <= n <= MOST:
-        raise ParameterError(f"differentiators.trial: tau = {tau:g} s gives {n} samples in {duration:g} s; there must be 20 to "
-                             f"{MOST}")
-    return (np.arange(n + 1) + 0.5*jitter*rng.uniform(-1.0, 1.0, n + 1))*tau
-
-
 def trial(signal=None):
     r"""A differentiator at work, as a function of its numbers: ``ui.live(trial())`` puts a mask before it.
 
@@ -146,7 +137,7 @@ def trial(signal=None):
     Raises
     ------
     ParameterError
-        When it is called: what `differentiate` raises; fewer than 20 or more than 500 000 samples.
+        When it is called: what `differentiate` raises; fewer than 100 or more than 500 000 samples.
 
     Warns
     -----
@@ -191,6 +182,9 @@ def trial(signal=None):
                                                     help="sampling step")] = 1e-2,
                         jitter: Annotated[float, Param("jitter", low=0.0, high=0.9, help="of the times, in shares of tau")] = 0.0,
                         duration: Annotated[float, Param("T", "s", low=0.1, high=1000.0, slider=(5.0, 50.0))] = 20.0):
+        if not LEAST <= duration/tau <= MOST:
+            raise ParameterError(f"differentiators.trial: tau = {tau:g} s is not allowed; with T = {duration:g} s it must be from "
+                                 f"{duration/MOST:.3g} to {duration/LEAST:.3g} s ({MOST} to {LEAST} samples)")
         reached = a_1*omega_1**(n_d + 1) + a_2*omega_2**(n_d + 1)
         if not found and L < reached:
             warnings.warn(f"L = {L:g} is less than the {reached:.3g} that derivative {n_d + 1} of f may reach: the theorem does "
@@ -199,7 +193,8 @@ def trial(signal=None):
         shift = 0.5*math.pi*np.arange(n_d + 1)[:, None]
         powers = np.arange(n_d + 1)[:, None]
         for factor in FACTORS:
-            t = _sampled(factor*tau, jitter, duration, rng)
+            n = round(duration/(factor*tau)) + 1
+            t = factor*tau*(np.arange(n) + 0.5*jitter*rng.uniform(-1.0, 1.0, n))
             truth = (a_1*omega_1**powers*np.sin(omega_1*t + shift) + a_2*omega_2**powers*np.cos(omega_2*t + shift))
             f = truth[0] + eps*(rng.uniform(-1.0, 1.0, len(t)) if noise == "white" else np.cos(omega_n*t))
             z, used = estimated(t, f, L, found, how)

@@ -146,7 +146,7 @@ def _beside(stack, charts):
 def _shown(values):
     """A logarithmic axis from the least to the greatest of the values."""
     low, high = np.log10([values.min(), values.max()]) if len(values) else (-1.0, 0.0)
-    return dict(type="log", exponentformat="e", range=(float(low), float(high)), dtick=1)
+    return dict(type="log", exponentformat="e", range=(float(low), float(high)))
 
 
 def _decades(values):
@@ -211,9 +211,9 @@ def _derivatives(found):
         ranges.append(_reach(z))
     if a.prd and a.prd == found.prd:
         k, at = a.prd, a.jump_times[a.prd - 1]
-        traces.append(go.Scatter(x=[at], y=[np.interp(at, t, a.derivatives[k - 1])], mode="markers", yaxis=f"y{k + 1}",
-                                 name=f"{_order(k, 'y')} steps", marker=dict(color=COLOURS[1], size=11, symbol="star"), xaxis="x",
-                                 legend=f"legend{k + 1}", showlegend=True, meta="jump",
+        traces.append(go.Scatter(x=[at], y=[np.interp(at, t, a.derivatives[k - 1])], xaxis="x", yaxis=f"y{k + 1}", meta="jump",
+                                 mode="markers+text", text=["steps"], textposition="middle right", showlegend=False,
+                                 marker=dict(color=COLOURS[1], size=11, symbol="star"),
                                  hovertemplate="steps at %{x:.5g} s<extra></extra>"))
     axes, height = _stack([_order(k, "y") for k in range(len(ranges))], ranges, "t [s]", (
         max(t[0], start - 0.3*found.time_scale), t[-1]))
@@ -252,9 +252,9 @@ def _sweep(sweep, here=None):
     traces = []
     for i in range(max(map(len, answers), default=0)):
         many = len(answers[0]) > 1
-        kinds = ["none" if not r[i] else "confirmed" if q.confirmed else "not confirmed"
+        kinds = ["unresolved" if not r[i] else "confirmed" if q.confirmed else "not confirmed"
                  for r, q in zip(answers, sweep.results, strict=True)]
-        look = {"confirmed": "circle", "not confirmed": "circle-open", "none": "x-thin-open"}
+        look = {"confirmed": "circle", "not confirmed": "circle-open", "unresolved": "x-thin-open"}
         for kind, mark in look.items():
             at = [j for j, q in enumerate(kinds) if q == kind]
             name = f"output {i + 1}: {kind}" if many else kind
@@ -262,7 +262,7 @@ def _sweep(sweep, here=None):
                 dot = dict(color=COLOURS[i % len(COLOURS)], size=9, symbol=mark, line_width=2*(kind != "confirmed"))
                 traces.append(go.Scatter(x=[sweep.windows[j] for j in at], y=[answers[j][i] or 0 for j in at], mode="markers",
                                          name=name, marker=dot, showlegend=True, hovertemplate="w %{x:.3g} s: "
-                                         + ("unresolved" if kind == "none" else "PRD %{y}") + "<extra></extra>"))
+                                         + (kind if kind == "unresolved" else "PRD %{y}") + "<extra></extra>"))
     if here:
         traces.append(go.Scatter(x=[here, here], y=[-0.4, 5.4], mode="lines", line=dict(color="#0072B2", width=1, dash="dot"),
                                  showlegend=False, hoverinfo="skip"))

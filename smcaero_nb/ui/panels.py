@@ -83,7 +83,8 @@ def panels(run, states=(), phase=False):
     """The curves of a run: output against reference, rate, control and states, sliding variable, states of the law.
 
     An output that neither has metadata nor a reference to follow is not drawn: it is there to make the error. Where nothing
-    lies between law and plant, the perturbation that the law meets is drawn with the control.
+    lies between law and plant, the perturbation that the law meets is drawn with the control; an observer's
+    estimate of it has its own panel.
 
     Parameters
     ----------
@@ -123,6 +124,9 @@ def panels(run, states=(), phase=False):
         for i, (xi, (_, meta)) in enumerate(zip(flat(run.xi), controls, strict=True)):
             add("xi", "control", min(i, len(outputs) - 1), replace(meta, symbol=r"\xi"), xi, reference=True,
                 number=i if len(controls) > 1 else None)
+    if stages["allocation"] and "xi" in stages["allocation"].states:  # an observer
+        meta = replace(stages["allocation"].states["xi"], symbol=r"\hat\xi")
+        add("allocation.xi", "perturbation", 0, meta, run.z.allocation.xi)
     for n in states:
         meta = stages["plant"].states[n]
         add(f"x.{n}", "control" if meta.unit == controls[0][1].unit else f"states [{meta.unit}]", 0, meta, getattr(run.x, n))
