@@ -141,7 +141,7 @@ class Live(W.Box):
             result = block()
         drawn = figure(result)
         self._drawn, self.run, self.curves, self._metrics.value = choice, result, {}, result_html(result)
-        self._download.show(hasattr(result, "to_csv") and f"{choice or block.name}.csv")
+        self._download.show(hasattr(result, "to_csv") and f"{(choice or block.name).removesuffix('.csv')}, estimates.csv")
         self._picture.show(*drawn)
         return " ".join(dict.fromkeys(f"{q.message}." for q in remarks)), False
 

@@ -85,7 +85,7 @@ class _Row:
 
     def __init__(self, name, meta, value, kind, asked, shared):
         say = dict(description=label(name, meta), tooltip=meta.help)
-        self.meta, self.kind, self.entry = meta, kind, None
+        self.meta, self.kind, self.entry, self.told = meta, kind, None, []
         if kind is bool:
             self.widget = self.box = W.Checkbox(value, indent=False, layout=shared["layout"], **say)
         elif get_args(kind):
@@ -113,8 +113,16 @@ class _Row:
         return (math.log10(max(v, 10.0**w.min)) if isinstance(w, W.FloatLogSlider) else v)/w.step
 
     def moved(self, v):
-        """Whether somebody moved the slider: it also tells, when it is drawn, the step nearest to the value it is given."""
-        return not (self.entry and self.from_page()) or abs(self.place(v) - self.place(self.value)) >= 0.5
+        """Whether somebody moved the slider: the page also answers what it is told, with the nearest step, perhaps too late."""
+        if not (self.entry and self.from_page()):
+            return True
+        if abs(self.place(v) - self.place(self.value)) < 0.5:
+            return False
+        late = [q for q in self.told if abs(self.place(v) - q) < 0.5]
+        self.told = [q for q in self.told if q not in late] if late else []
+        if late:
+            self.put(self.value)
+        return not late
 
     def from_page(self):
         """Whether the page, not a program, sets the slider just now."""
@@ -144,8 +152,14 @@ class _Row:
             self.entry.value = _written(value)
         if self.from_page():
             return  # the handle is where the hand is; an answer would pull it back
+        if self.told[-1:] != [self.place(value)]:
+            self.told = [*self.told[-30:], self.place(value)]
+        self.put(value)
+
+    def put(self, value):
+        """Put the slider on the next of its steps, so that the page has little to answer."""
         w, place = self.widget, self.place(value)*self.widget.step
-        if w.min < place < w.max:  # on one of its steps, so that the page has nothing to answer
+        if w.min < place < w.max:
             place = float(f"{w.min + w.step*round((place - w.min)/w.step):.12g}")
         place = min(max(place, w.min), w.max)
         w.value = 10.0**place if isinstance(w, W.FloatLogSlider) else self.kind(place)

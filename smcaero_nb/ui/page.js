@@ -11,7 +11,7 @@ function render({ model, el }) {
       for (const [key, [text, log]] of Object.entries(model.get("names"))) {
         const row = mask.querySelector(`.smcaero-set-${CSS.escape(key)}`);
         if (!row) continue;
-        row.querySelectorAll("[role=slider], input").forEach(e => e.setAttribute("aria-label", text));
+        row.querySelectorAll("[role=slider], input, select").forEach(e => e.setAttribute("aria-label", text));
         if (log) row.querySelectorAll("[role=slider]").forEach(e =>
           e.setAttribute("aria-valuetext", String(Number((10 ** e.getAttribute("aria-valuenow")).toPrecision(3)))));
         row.querySelectorAll("input[type=text]").forEach(e => e.setAttribute("aria-invalid", row.classList.contains("smcaero-refused")));

@@ -80,7 +80,7 @@ def result_html(result):
     said = "" if type(result).__str__ is object.__str__ or hasattr(result, "to_plotly_json") else str(result)
     said = re.sub(r"\b([a-z])_(\d+)", r"\1<sub>\2</sub>", html.escape(said, quote=False))
     said = re.sub(r"\^\((\d+)\)", lambda m: f"<sup>({m[1]})</sup>" if int(m[1]) > 2 else "'"*int(m[1]), said)
-    return f'<div class="smcaero-metrics">{said}</div>' if said else ""
+    return f'<div class="smcaero-result">{said}</div>' if said else ""
 
 
 def doc_html(doc):

@@ -90,6 +90,20 @@ def test_drag_ends_where_the_slider_is(nb):
     changed(nb, "u", before)
 
 
+def test_the_last_of_what_a_program_sets_wins(nb):
+    """The page answers each value that is none of the slider's steps; answers to older values come too late."""
+    nb.ask("for v in (3.017, 0.517, 1.234):\n    picture.set(law__rho=v, law__eps=0.1*v)\npicture.mask.reset()")
+    nb.page.wait_for_timeout(1500)
+    agrees(nb, "y")
+    assert nb.ask("print([picture.mask.values[n] for n in ('law__rho', 'law__eps')])") == "[2.0, 0.25]"
+    assert nb.entry("law__rho").input_value() == "2" and float(nb.slider("law__rho").get_attribute("aria-valuenow")) == 2.0
+    handle = nb.slider("law__rho")
+    for _ in range(3):  # hands are not affected
+        handle.press("ArrowRight")
+    changed(nb, "y", nb.curve("y")[0])
+    assert float(nb.ask("print(picture.mask.values['law__rho'])")) == 2.15
+
+
 def test_nonsense_is_answered_in_words(nb):
     before, _ = nb.curve("y")
     entry = nb.entry("law__rho")
