@@ -55,7 +55,9 @@ def mask_drives_the_plot(nb):
 def nonsense_is_answered(nb):
     live = nb.page.locator(".smcaero-live").first
     entry = live.locator(".smcaero-row input[type=text]").first
-    was = entry.input_value()
+    was = None
+    while was != (was := entry.input_value()):  # what was pressed may still be on its way
+        nb.page.wait_for_timeout(500)
     entry.fill("much")
     entry.press("Enter")
     nb.page.wait_for_function("() => document.querySelector('.smcaero-live .smcaero-status').textContent.includes('It stays at')")
