@@ -185,7 +185,7 @@ def _trial(trial):
         traces.append(_line(t, z, "estimate", COLOURS[0], at, first))
         if known:
             traces.append(_line(t, trial.truth[i], "truth", GREY, at, first, dash="dot"))
-        ranges.append(_reach(trial.truth[i] if known else z[len(z)//4:], z))
+        ranges.append(_reach(trial.truth[i] if known else trial.f if first else z[len(z)//4:], z))
     stack = traces, *_stack([_order(i) for i in range(len(ranges))], ranges, "t [s]")
     if not known:
         return _beside(stack, [])

@@ -35,6 +35,22 @@ class Download(anywidget.AnyWidget):
         self.file = file or ""
 
 
+class File(anywidget.AnyWidget):
+    """A button with which a person gives a file: ``take(name, content)`` is called with it. Unlike FileUpload, of any size."""
+
+    _esm = pathlib.Path(__file__).parent / "upload.js"
+
+    def __init__(self, take):
+        self._take, self._content = take, b""
+        super().__init__()
+        self.on_msg(self._piece)
+
+    def _piece(self, _, message, pieces):
+        self._content = (b"" if message["first"] else self._content) + bytes(pieces[0])
+        if message["last"]:
+            self._take(message["name"], self._content)
+
+
 class Own(W.VBox):
     """Something of one's own for the mask of a live plot: entries, and a message."""
 
@@ -65,7 +81,7 @@ class Upload(Own):
 
     def __init__(self, live, read, make):
         self._read, self._make, self._file, self._quiet = read, make, None, False
-        self.button = W.FileUpload(accept=".csv,.txt,.tsv,.dat", description="Your own file", tooltip="A text file of numbers")
+        self.button = File(self.take)
         self.entries = {}
         for n, a in list(inspect.signature(read).parameters.items())[1:]:
             kind = W.Dropdown if a.kind is a.POSITIONAL_OR_KEYWORD else W.Text
@@ -74,19 +90,10 @@ class Upload(Own):
             self.entries[n].continuous_update = False  # of an entry
             self.entries[n].observe(lambda _: self._quiet or self._taken(), "value")
         super().__init__(live, [self.button])
-        self.button.observe(self._given, "value")
-
-    def _given(self, change):
-        """A file came: guess its columns, and take it."""
-        if not change.new:
-            return
-        file, = change.new
-        self.take(file["name"], bytes(file["content"]))
-        self.button.value = ()  # so that the same file can be given again
 
     def take(self, name, content):
         """Take a file, as if it had been given by hand."""
-        self._file = name, content
+        self._file, self._message.value = (name, content), said_html(f"Reading {name} ...", False)
         self._quiet = True
         try:
             names = Table("upload", self._stream()).names
