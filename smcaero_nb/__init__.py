@@ -8,7 +8,7 @@ python-control (`interop`), the practical relative degree (`prd`), and the masks
 
 import importlib
 
-from . import applications, differentiators, hosmc, interop, lv, pid, prd, smc1, smc2, surface
+from . import applications, differentiators, hosmc, interop, lv, pid, prd, rpl, smc1, smc2, surface
 from .core import (
     Block,
     BlockError,
@@ -25,8 +25,8 @@ from .core import (
 )
 
 __all__ = ["Block", "BlockError", "Channels", "ClosedLoop", "Metrics", "Param", "ParameterError", "Run", "accuracy",
-           "applications", "block", "channels", "differentiators", "hosmc", "interop", "lv", "pid", "prd", "simulate", "smc1",
-           "smc2", "surface"]
+           "applications", "block", "channels", "differentiators", "hosmc", "interop", "lv", "pid", "prd", "rpl", "simulate",
+           "smc1", "smc2", "surface"]
 __version__ = "0.1.0"
 
 

@@ -32,6 +32,8 @@ class Param:
         One line for the mask.
     slider : tuple of two floats
         Range of the slider, where it is narrower than the bounds.
+    samples : bool
+        It is a time that the block counts in samples: `simulate` takes only multiples of its sampling step.
     """
 
     symbol: str = ""
@@ -41,6 +43,7 @@ class Param:
     log: bool = False
     help: str = ""
     slider: tuple = ()
+    samples: bool = False
 
     def check(self, owner, name, value, kind=float):
         """Return `value` as `kind` (float, int or bool) if it is allowed, else raise `ParameterError`."""
