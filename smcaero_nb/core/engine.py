@@ -89,8 +89,8 @@ class ClosedLoop:
     def settable(self):
         """{name: (Param, value, kind)} of all that `with_` accepts in the stages: what a mask shows."""
         tied = self.stages["plant"].params
-        return {f"{s}__{n}": (m, b.values[n], b.kinds.get(n, float)) for s, b in self.stages.items() if b
-                for n, m in b.settable.items() if not (s == "output" and n in tied)}
+        return {f"{s}__{n}": (m, values[n], kinds.get(n, float)) for s, b in self.stages.items() if b
+                for values, kinds in [(b.values, b.kinds)] for n, m in b.settable.items() if not (s == "output" and n in tied)}
 
     @property
     def p(self):
