@@ -30,10 +30,10 @@ def _codes(c):
 
 @functools.lru_cache(maxsize=2000)
 def _written(code):
-    """Names that a code object reads, in order, and what it says, as text: it never changes."""
+    """Names that a code object reads, in order, and the hash of what it says: neither ever changes."""
     say = [(c.co_argcount, c.co_code.hex(), c.co_names, c.co_varnames, c.co_freevars,
             [k for k in c.co_consts if not isinstance(k, types.CodeType)]) for c in _codes(code)]
-    return tuple(dict.fromkeys(n for c in _codes(code) for n in c.co_names)), repr(say)
+    return tuple(dict.fromkeys(n for c in _codes(code) for n in c.co_names)), hashlib.sha256(repr(say).encode()).hexdigest()
 
 
 def _used(f):
