@@ -2,8 +2,9 @@
 
 ``import smcaero_nb as smc`` gives the engine (`block`, `Param`, `channels`, `ClosedLoop`, `simulate`, `accuracy`), the
 laws (`smc1`, `smc2`, `hosmc`, `pid`), the differentiators that let them do with the output alone (`differentiators`), the design
-of sliding variables (`surface`), plants to try them on (`applications`), the launch vehicle (`lv`), plants from
-python-control (`interop`), the practical relative degree (`prd`), and the masks and plots (`ui`, loaded when it is first used).
+of sliding variables (`surface`), plants to try them on (`applications`), the lunar lander (`rpl`), the launch vehicle (`lv`),
+plants from python-control (`interop`), the practical relative degree (`prd`), and the masks and plots (`ui`, loaded when it is
+first used).
 """
 
 import importlib

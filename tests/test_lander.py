@@ -1,7 +1,7 @@
 """The lander: plant, command, off-pulse modulation, what momentum forbids, landings and what breaks them."""
 
+import itertools
 import math
-import operator
 
 import numpy as np
 import pytest
@@ -10,12 +10,11 @@ from hypothesis import strategies as st
 from published import TABLE_1, TABLE_2
 
 import smcaero_nb as smc
-from smcaero_nb import ClosedLoop, ParameterError, channels, rpl, simulate
+from smcaero_nb import ParameterError, rpl, simulate
 
 DEG = math.pi/180
 T, M, G = 240.0, 1000.0, 1.6
 SLIDING = ["adaptive_smc", "adaptive_super_twisting", "hosm"]
-LAWS = [*SLIDING, "pid"]
 
 
 @pytest.fixture(scope="module")
@@ -23,7 +22,7 @@ def flights():
     """Runs of the documented descent with a row a sample, each simulated once."""
     made = {}
 
-    def fly(law, preset=None, stop=True, **changes):
+    def fly(law, preset="recommended", stop=True, **changes):
         key = law, preset, stop, *changes.items()
         if key not in made:
             loop = rpl.loop(law, preset).with_(**changes)
@@ -185,7 +184,7 @@ def test_off_pulse_smc_is_adaptive_smc_where_there_is_no_dead_band():
 def test_laws_within_limits_are_the_kits_own_inside_them_and_wait_outside():
     stw, base = rpl.super_twisting_within, smc.smc2.adaptive_super_twisting
     gains = {n: stw.values[n] for n in base.params}
-    z, y = (0.3, 0.01), [(1.6, 0.1), (1.5, 0.1)]
+    z = (0.3, 0.01)
     for sigma in (1e-3, -0.02, 0.5):
         v, ahead = base(sigma, z, 0.05, **gains)
         w, (lam, term) = stw(sigma, z, 0.05)
@@ -193,10 +192,9 @@ def test_laws_within_limits_are_the_kits_own_inside_them_and_wait_outside():
         assert stw(sigma, z, 0.05, waits=False) == (v, ahead)
     assert {abs(stw(s, z, 0.05)[0]) > 0.14 for s in (1e-3, 0.5)} == {True, False}
     pid, base = rpl.pid_within.with_(k_p=100.0), smc.pid.pid.with_(k_p=100.0, k_i=0.1, k_d=0.5)
-    for r in (0.1, 3.0, -3.0):
-        assert pid((r, 0.0), (0.0, 0.2), (0.4,), 0.05)[0] == base((r, 0.0), (0.0, 0.2), (0.4,), 0.05)[0]
-        assert (pid((r, 0.0), (0.0, 0.2), (0.4,), 0.05)[1] == (0.4,)) == (abs(r) > 1.0)
-    assert y == [(1.6, 0.1), (1.5, 0.1)]
+    for r in (0.1, 3.0, -3.0):  # a command that stands still: then the rate of the error is that of the measurement
+        assert pid((r, -0.2), (0.4,), 0.05)[0] == pytest.approx(base((r, 0.0), (0.0, 0.2), (0.4,), 0.05)[0], rel=1e-12)
+        assert pid((r, -0.2), (0.4,), 0.05)[1] == ((0.4,) if abs(r) > 1.0 else (0.4 + 0.05*r,))
 
 
 @given(st.floats(-600, 600), st.floats(0.5, 10.0), st.floats(1e-3, 5.0))
@@ -262,15 +260,16 @@ def test_the_mean_thrust_of_a_soft_landing_is_fixed_by_momentum(flights):
 
 
 def test_j_ud_of_table_2_cannot_come_out(flights):
-    for law, row in (("adaptive_smc", "1-SMC"), ("adaptive_super_twisting", "STW"), ("pid", "PID")):
-        assert abs(flights(law, stop=False).mean_u[1] - TABLE_2[row].value[3]) > 90.0
+    for law, preset, row in (("adaptive_smc", "recommended", "1-SMC"), ("adaptive_super_twisting", "recommended", "STW"),
+                             ("pid", "paper", "PID"), ("pid", "recommended", "PID")):
+        assert abs(flights(law, preset, stop=False).mean_u[1] - TABLE_2[row].value[3]) > 90.0
 
 
 # ---- the figures -----------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize(("law", "J_ea", "J_ed", "J_ua", "J_ud"), [
     ("adaptive_smc", (0.227, 0.02), (53.11, 0.1), (5.8, 0.4), (1624.9, 1.0)),
     ("adaptive_super_twisting", (0.16, 0.05), (53.04, 0.05), (4.37, 0.2), (1624.8, 1.0)),
-    ("hosm", (0.041, 0.005), (60.6, 0.2), (10.4, 0.4), (1624.8, 1.0))])
+    ("hosm", (0.041, 0.005), (60.6, 0.2), (10.4, 0.6), (1624.8, 1.0))])
 @pytest.mark.parametrize("dt", [1e-2, 1e-3, 1e-4])
 def test_figures_over_240_s(flights, law, J_ea, J_ed, J_ua, J_ud, dt):
     run = flights(law, stop=False, dt=dt)
@@ -295,7 +294,7 @@ def test_soft_landings(flights, law, stop):
         assert 0.05 - 1e-9 <= train.shortest_on < 10.0 and 0.05 - 1e-9 <= train.shortest_off < 60.0
         assert 0.0 < train.duty < 1.0
     assert descent.impulse == pytest.approx(1624.8*T, rel=3e-3)
-    assert not run.doubts() or "authority" not in " ".join(run.doubts())
+    assert "authority" not in " ".join(run.doubts())
 
 
 def test_pulses_grow_denser(flights):
@@ -310,10 +309,30 @@ def test_pulses_grow_denser(flights):
 
 def test_the_pid_of_the_paper_hits_the_ground(flights):
     for stop in (True, False):
-        verdict = rpl.landing(flights("pid", stop=stop))
+        verdict = rpl.landing(flights("pid", "paper", stop=stop))
         assert not verdict.soft and verdict.touchdown[0] == pytest.approx(228.6, abs=1.0)
         assert verdict.touchdown[1] == pytest.approx(-37.5, abs=1.0)
         assert f"hit the ground after {verdict.touchdown[0]:.1f} s at {verdict.touchdown[1]:.1f} m/s" in str(verdict)
+
+
+def test_the_pid_of_the_paper_in_rad_is_unstable(flights):
+    law = flights("pid", "paper").loop.stages["law"].values
+    k_p, k_i, k_d = (law[f"attitude__{k}"]*math.pi/180*2.8/300 for k in ("k_p", "k_i", "k_d"))  # (57) as printed, e in rad
+
+    def stable(scale):  # Routh: s^3 + k_d s^2 + k_p s + k_i
+        return k_d*scale*k_p*scale > k_i*scale
+
+    assert (k_p, k_i, k_d) == pytest.approx((10*2.8/300, 0.1*2.8/300, 0.5*2.8/300)) and stable(1/DEG) and not stable(1.0)
+    assert not 0.1/M*30/M > 0.2/M  # the altitude's is unstable as it stands
+
+
+def test_a_pid_with_other_gains_and_a_governed_command_lands(flights):
+    run = flights("pid")
+    assert rpl.landing(run).soft and run.mean_u[1] == pytest.approx(1623.5, abs=3.0)
+    paper = flights("pid", "paper", stop=False)
+    assert paper.mean_e[0][0]/DEG == pytest.approx(0.53, abs=0.05) and paper.mean_e[1][0] == pytest.approx(312.4, abs=2.0)
+    for law in ("adaptive_smc", "adaptive_super_twisting"):  # what holds of the paper's comparison: PID is the least accurate
+        assert np.all(np.array([q[0] for q in flights(law, stop=False).mean_e]) < [q[0] for q in paper.mean_e])
 
 
 def test_the_design_of_the_paper_tumbles(flights):
@@ -344,8 +363,8 @@ def test_the_governed_command_makes_the_linear_altitude_surface_do(flights):
 
 
 def test_compiled_equals_plain_to_the_last_bit():
-    for law in LAWS:
-        loop = rpl.loop(law)
+    for law, preset in ((law, preset) for law, presets in rpl.PRESETS.items() for preset in presets):
+        loop = rpl.loop(law, preset)
         quick, plain = (simulate(loop, 20.0, 0.01, jit=jit, record=400) for jit in (True, False))
         for name in ("theta", "altitude"):
             assert np.array_equal(getattr(quick.x, name), getattr(plain.x, name)), law
@@ -389,7 +408,7 @@ def test_pulse_trains_are_counted_as_a_person_would(flights):
     run = flights("adaptive_smc")
     for train, u, mean in zip(rpl.pulses(run), run.u, run.mean_u, strict=True):
         signs = "".join("-0+"[int(np.sign(q)) + 1] for q in u[:-1])
-        runs = [(s, len(list(g))) for s, g in __import__("itertools").groupby(signs)]
+        runs = [(s, len(list(g))) for s, g in itertools.groupby(signs)]
         assert train.duty == pytest.approx(1 - signs.count("0")/len(signs), abs=2e-4)
         assert train.shortest_on == pytest.approx(0.05*min(n for s, n in runs[1:-1] if s != "0"))
         assert train.shortest_off == pytest.approx(0.05*min(n for s, n in runs[1:-1] if s == "0"))
@@ -444,7 +463,7 @@ def test_bad_dead_band_tables(table, words):
     (lambda: simulate(rpl.loop().with_(actuator__attitude__pulse=5e-4, tau=None)), ["pulse = 0.0005 s", "tau = 0.001 s"]),
     (lambda: simulate(rpl.loop(), tau=0.0505, dt=1e-3), ["tau = 0.0505 s", "a multiple of dt = 0.001 s"]),
     (lambda: rpl.loop("pidd"), ["rpl.loop: law = 'pidd'", "adaptive_smc, adaptive_super_twisting, hosm, pid"]),
-    (lambda: rpl.loop("pid", "best"), ["rpl.loop: preset = 'best'", "paper"])])
+    (lambda: rpl.loop("pid", "best"), ["rpl.loop: preset = 'best'", "recommended, paper"])])
 def test_bad_input_is_told(act, words):
     with pytest.raises(ParameterError) as why:
         act()
@@ -455,7 +474,7 @@ def test_bad_input_is_told(act, words):
 def test_presets_say_what_they_are():
     assert {law: [*presets] for law, presets in rpl.PRESETS.items()} == {
         "adaptive_smc": ["recommended", "paper", "governed"], "adaptive_super_twisting": ["recommended"],
-        "hosm": ["recommended"], "pid": ["paper"]}
+        "hosm": ["recommended"], "pid": ["recommended", "paper"]}
     for law, presets in rpl.PRESETS.items():
         for preset in presets:
             loop = rpl.loop(law, preset)
@@ -482,7 +501,6 @@ def test_blocks_of_the_lander_serve_other_loops():
     held = np.diff(np.flatnonzero(np.diff(simulate(loop, 10.0, record=10_000).u)))
     assert held.min() >= 50  # samples of 1 ms
     modulated = simulate(base.with_(actuator=rpl.pulse_modulator.with_(low=-4.0, high=4.0, pulse=1e-3)), 8.0)
-    assert modulated.tail_e[0] < 0.05 and isinstance(modulated.loop, ClosedLoop)
-    assert operator.eq(*(simulate(base.with_(actuator=rpl.sample_and_hold.with_(pulse=1e-3)), 1.0).mean_u,
-                         simulate(base, 1.0).mean_u))
-    assert channels(a=rpl.sample_and_hold).settable["a__pulse"].samples
+    assert modulated.tail_e[0] < 0.05
+    held = simulate(base.with_(actuator=rpl.sample_and_hold.with_(pulse=1e-3)), 1.0)  # of one sample: nothing
+    assert held.mean_u == simulate(base, 1.0).mean_u

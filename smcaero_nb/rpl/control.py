@@ -267,23 +267,21 @@ Proportional, Integral, Derivative = (Annotated[float, m] for m in pid.params.va
 
 
 @block(check=crossed, state={n: (0.0, m) for n, m in pid.states.items()})
-def pid_within(r, y, z, tau, k_p: Proportional = 10.0, k_i: Integral = 0.1, k_d: Derivative = 0.5, waits: Waits = True,
+def pid_within(e, z, tau, k_p: Proportional = 10.0, k_i: Integral = 0.1, k_d: Derivative = 0.5, waits: Waits = True,
                low: Low = -15.0, high: High = 15.0) -> Param("v"):
     r"""PID control that waits while the actuator is at its limit.
 
-    .. math:: v = v_{PID}(r, y, \textstyle\int e), \qquad \textstyle\int e \text{ as it is while } v \notin (v_{min}, v_{max})
+    .. math:: v = k_p e + k_i q + k_d \dot e, \qquad \dot q = e, \text{ but } 0 \text{ while } v \notin (v_{min}, v_{max})
         \text{ and } e \text{ points outward}
 
     Parameters
     ----------
-    r : float or tuple of float
-        Reference.
-    y : tuple of float
-        Output and its derivative.
+    e : tuple of float
+        Error and its derivative, that of the command included: `pid.pid` takes that of the measurement alone.
     k_p, k_i, k_d : float
-        Gains, as in `pid`.
+        Gains.
     waits : bool
-        Extension; off: `pid` as it is, which winds up.
+        Extension; off: it winds up.
     low, high : float
         What the actuator can give [v].
 
@@ -299,10 +297,11 @@ def pid_within(r, y, z, tau, k_p: Proportional = 10.0, k_i: Integral = 0.1, k_d:
 
     References
     ----------
-    Paper eq (57), but for the rate of the command, which `pid` leaves out: at most 6 N of 2800. The waiting is an extension.
+    Paper eq (57). The waiting is an extension.
     """
-    v, ahead = pid(r, y, z, tau, k_p, k_i, k_d)
-    return v, z if waits and outward(v, first(r) - y[0], low, high) else ahead
+    integral, = z
+    v = k_p*e[0] + k_i*integral + k_d*e[1]
+    return v, (integral if waits and outward(v, e[0], low, high) else integral + tau*e[0],)
 
 
 def authority(values, ys):
