@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from published import TABLE_1, TABLE_2
+from published import LANDER_PRD, TABLE_1, TABLE_2
 
 import smcaero_nb as smc
 from smcaero_nb import ParameterError, rpl, simulate
@@ -95,6 +95,11 @@ def test_the_governed_command_blends_in():
         assert (rpl.governed_command(t) == rpl.command(t)) == (t > 60.0)
     assert np.allclose(rates, 0.0, atol=1e-5)
     assert rpl.governed_command(0.0) == ((math.pi/2, 0.0), (6500.0, -10.0))
+
+
+def test_vector_relative_degree():
+    found = smc.prd.identify(rpl.lander, output=rpl.attitude_and_altitude)
+    assert found.prd == LANDER_PRD.value and found.confirmed
 
 
 def test_perturbations():
@@ -249,14 +254,25 @@ def test_the_mean_thrust_of_a_soft_landing_is_fixed_by_momentum(flights):
         force = np.sum((run.u[0] + run.u[1])[:-1]*np.sin(run.x.theta[:-1]))/4800
         assert force - M*(G - MEAN_PHI) == pytest.approx(gained, abs=0.5), law
         assert run.mean_u[1] >= MEAN_FORCE - run.mean_u[0] - M*0.5/T  # |sin| <= 1, |v(T)| < 0.5
-    # whatever the law: at most 15 N of attitude thrust, at most 2800 N of descent thrust, |v(T)| < 0.5 m/s
-    tilt = 1 - math.cos(25*DEG)
-    assert TABLE_2["1-SMC"].value[3] < MEAN_FORCE - 15.0 - M*0.5/T  # 1513 N is too little
+
+
+def test_no_law_whatever_can_have_the_descent_thrust_of_table_2():
+    """Momentum: mean(u_d sin) + mean(u_a sin) = MEAN_FORCE + m v(T)/T, with |u_a| <= 15 N, 0 <= u_d <= 2800 N, |v(T)| < 0.5 m/s.
+
+    sin(theta) <= 1 bounds mean(u_d) below. Above: u_d - u_d sin(theta) = u_d (1 - cos e_a) <= 2800 N * 0.725 |e_a|, whose mean
+    the table itself gives, J_ea.
+    """
+    e = np.linspace(1e-6, 20*math.pi, 200_001)
+    assert np.all(1 - np.cos(e) <= 0.725*e)
+    slack = 15.0 + M*0.5/T
+    for name, row in TABLE_2.items():
+        J_ea, _, _, J_ud = row.value
+        for unit in (1.0, DEG):  # in rad or in deg; the printed PID row is a tumble if in rad
+            most = min(2800.0, MEAN_FORCE + slack + 2800.0*0.725*J_ea*unit)
+            assert not MEAN_FORCE - slack <= J_ud <= most, name
     speed = T/M*(TABLE_2["1-SMC"].value[3] - MEAN_FORCE)
     assert speed == pytest.approx(-26.8, abs=0.1) and speed + T/M*15.0 < -23.0  # m/s at T, with all the credit there is
-    assert T/M*(TABLE_2["STW"].value[3] - MEAN_FORCE) == pytest.approx(222.6, abs=0.1)  # 2552 N, one-sided and upright
-    assert MEAN_FORCE/(1 - tilt) + 15.0 + M*0.5/T < TABLE_2["STW"].value[3]  # nor tilted by 25 deg all the way
-    assert TABLE_2["PID"].value[3] > 2800.0  # 10220 N: more than all there is
+    assert T/M*(TABLE_2["STW"].value[3] - MEAN_FORCE) == pytest.approx(222.6, abs=0.1)  # upwards
 
 
 def test_j_ud_of_table_2_cannot_come_out(flights):
