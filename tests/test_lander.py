@@ -499,9 +499,11 @@ def test_presets_say_what_they_are():
 
 
 def test_every_extension_says_so():
-    for b in (rpl.braking_surface, rpl.off_pulse_smc, rpl.modified_sign, rpl.allocation, rpl.super_twisting_within):
+    for b in (rpl.braking_surface, rpl.off_pulse_smc, rpl.modified_sign, rpl.allocation, rpl.super_twisting_within,
+              rpl.pid_within):
         switches = [n for n, kind in b.kinds.items() if kind is bool and n not in ("coasts",)]
         assert switches and all(b.params[n].help.startswith("extension:") for n in switches)
+        assert all("extension" in smc.ui.words.label(n, b.params[n]) for n in switches)  # what the mask shows
         assert "xtension" in b.__doc__
     for b in (rpl.braking, rpl.conditional_integral, rpl.governed_command):
         assert b.__doc__.strip().startswith("Extension")

@@ -29,16 +29,16 @@ __all__ = ["allocation", "braking", "braking_surface", "conditional_integral", "
 
 Slope = Annotated[float, Param("c_0", "1/s", low=0.0, help="coefficient of the error", slider=(0.0, 10.0))]
 IntegralGain = Annotated[float, Param("c_{-1}", "1/s^2", low=0.0, help="coefficient of the integral", slider=(0.0, 40.0))]
-Limited = Annotated[bool, Param("braking", help="extension: ask for no more speed than can be braked away; off: linear")]
+Limited = Annotated[bool, Param("braking extension", help="extension: ask only for speed that can be braked away; off: linear")]
 Brake = Annotated[float, Param("a_b", "[e]/s^2", low=1e-6, log=True, help="extension: braking that sigma = 0 asks for at most",
                                slider=(1e-3, 10.0))]
-Conditional = Annotated[bool, Param("conditional", help="extension: integrate near e = 0 only, and reset; off: always")]
+Conditional = Annotated[bool, Param("conditional extension", help="extension: integrate near e = 0 only, and reset; off: always")]
 Near = Annotated[float, Param("e_I", "[e]", low=0.0, log=True, help="extension: integrate where |e| is smaller",
                               slider=(1e-4, 10.0))]
 Most = Annotated[float, Param("w_{max}", "[sigma]", low=0.0, help="extension: limit of the integral term", slider=(0.0, 1.0))]
 Low = Annotated[float, Param("v_{min}", "[v]", help="extension: least control that there is", slider=(-1.0, 0.0))]
 High = Annotated[float, Param("v_{max}", "[v]", help="extension: greatest control that there is", slider=(0.0, 5.0))]
-Waits = Annotated[bool, Param("waits", help="extension: the integral waits while the control is at its limit; off: it winds up")]
+Waits = Annotated[bool, Param("waits extension", help="extension: integrate below the limit only; off: it winds up")]
 TERM = dict(w=(0.0, Param("w(0)", "[sigma]", help="integral term to start with", slider=(-0.1, 0.1))))
 
 
@@ -150,7 +150,7 @@ def braking_surface(e, z, tau, c_0: Slope = 7.0, c_int: IntegralGain = 25.0, lim
     rho=(0.08, Param(r"\rho(0)", "[v]", low=0.0, help="gain to start with", slider=(0.0, 3.0))),
     held=(0.0, Param("s(0)", low=-1.0, high=1.0, help="sign before the start"))))
 def off_pulse_smc(t, sigma, z, tau, gamma: Gamma = 0.3,
-                  capped: Annotated[bool, Param("capped", help="extension: the gain has a limit; off: it grows for ever")] = True,
+                  capped: Annotated[bool, Param("capped extension", help="extension: limit the gain; off: it grows on")] = True,
                   rho_max: Annotated[float, Param(r"\rho_{max}", "[v]", low=0.0, slider=(0.0, 5.0),
                                                   help="extension: greatest gain, what the thrusters give")] = 0.14,
                   delta_1: Band1 = 0.05, delta_2: Band2 = 0.025, delta_3: Band3 = 0.01, t_1: Time1 = 100.0, t_2: Time2 = 200.0,
@@ -320,7 +320,7 @@ def allocation(y, v, m: Annotated[float, Param("m_0", "kg", low=1.0, help="mass 
                l_a: Annotated[float, Param("l_0", "m", low=0.1, help="arm that the control assumes", slider=(0.5, 5.0))] = 2.8,
                feedforward: Annotated[float, Param("g_0", "m/s^2", low=0.0, help="gravity that the thrust carries besides v",
                                                    slider=(0.0, 2.0))] = 0.0,
-               guard: Annotated[bool, Param("guard", help="extension: bound 1/sin(theta); off: as printed")] = True,
+               guard: Annotated[bool, Param("guard extension", help="extension: bound 1/sin(theta); off: as printed")] = True,
                s_min: Annotated[float, Param("s_{min}", low=0.01, high=1.0,
                                              help="extension: least sin(theta) to divide by")] = 0.5,
                s_hover: Annotated[float, Param("s_h", low=0.0, high=1.0,

@@ -17,7 +17,7 @@ Band2 = Annotated[float, Param(r"\delta_2", "[sigma]", low=0.0, help="dead band 
 Band3 = Annotated[float, Param(r"\delta_3", "[sigma]", low=0.0, help="dead band from t_2 on", slider=(0.0, 0.2))]
 Time1 = Annotated[float, Param("t_1", "s", low=0.0, help="end of the first interval", slider=(0.0, 240.0))]
 Time2 = Annotated[float, Param("t_2", "s", low=0.0, help="end of the second interval", slider=(0.0, 240.0))]
-Hysteresis = Annotated[bool, Param("hysteresis", help="extension: a pulse goes on inside the dead band")]
+Hysteresis = Annotated[bool, Param("hysteresis extension", help="extension: a pulse goes on inside the dead band")]
 Coasts = Annotated[bool, Param("coasts", help="a pulse ends where sigma changes its sign; off: at the other edge of the band")]
 Low = Annotated[float, Param(r"u_{min}", "N", help="least thrust", slider=(-30.0, 0.0))]
 High = Annotated[float, Param(r"u_{max}", "N", help="greatest thrust", slider=(0.0, 3000.0))]
