@@ -323,6 +323,27 @@ def test_pulses_grow_denser(flights):
         assert (second*100 + third*40)/140 > first
 
 
+def test_a_plain_dead_band_does_not_make_pulses_denser_and_dither_does_at_a_price(flights):
+    plain = dict(law__attitude__hysteresis=False, law__descent__hysteresis=False)
+    without = flights("adaptive_smc", **plain)
+    dithered = flights("adaptive_smc", **plain, law__attitude__a=0.05, law__descent__a=0.05)
+    rates = rpl.pulses(without)[0].rates
+    assert rates[2] < 1.2*rates[0]
+    rates = rpl.pulses(dithered)[0].rates
+    assert rates[0] < rates[1] < rates[2] and rates[2] > 1.5*rates[0]
+    assert dithered.mean_u[0] > 1.25*flights("adaptive_smc").mean_u[0]  # attitude thrust
+
+
+def test_sigma_does_not_stay_within_the_dead_band(flights):
+    run = flights("adaptive_smc", stop=False)
+    late = run.t > 200.0
+    inside = [np.mean(abs(sigma[late]) <= delta) for sigma, delta in zip(run.sigma, (0.01, 0.05), strict=True)]
+    assert 0.6 < inside[0] < 0.9 and 0.3 < inside[1] < 0.6
+    assert run.z.law.descent.rho[-1] == 2.8  # its gain never comes to rest: the limit stops it
+    free = flights("adaptive_smc", stop=False, law__descent__capped=False).z.law.descent.rho
+    assert free[-1] > 4.0 and free[-1] > free[len(free)//2] + 0.05
+
+
 def test_the_pid_of_the_paper_hits_the_ground(flights):
     for stop in (True, False):
         verdict = rpl.landing(flights("pid", "paper", stop=stop))

@@ -199,7 +199,7 @@ def off_pulse_smc(t, sigma, z, tau, gamma: Gamma = 0.3,
     It is `smc1.adaptive_smc` with the modified sign and the dead band as accepted size. The gain acts once a sample, as in a
     flight computer. It comes to rest only if delta >= tau rho: in the lander's descent, 0.1 < 0.14, it never does.
 
-    Erratum: nor does sigma stay within delta, as the paper has it; three quarters of the time at most towards the end.
+    Erratum: nor does sigma stay within delta, as the paper has it; four fifths of the time at most towards the end.
 
     References
     ----------
