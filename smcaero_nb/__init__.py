@@ -2,13 +2,14 @@
 
 ``import smcaero_nb as smc`` gives the engine (`block`, `Param`, `channels`, `ClosedLoop`, `simulate`, `accuracy`), the
 laws (`smc1`, `smc2`, `hosmc`, `pid`), the differentiators that let them do with the output alone (`differentiators`), the design
-of sliding variables (`surface`), plants to try them on (`applications`), the launch vehicle (`lv`), plants from
-python-control (`interop`), the practical relative degree (`prd`), and the masks and plots (`ui`, loaded when it is first used).
+of sliding variables (`surface`), plants to try them on (`applications`), the lunar lander (`rpl`), the launch vehicle (`lv`),
+plants from python-control (`interop`), the practical relative degree (`prd`), and the masks and plots (`ui`, loaded when it is
+first used).
 """
 
 import importlib
 
-from . import applications, differentiators, hosmc, interop, lv, pid, prd, smc1, smc2, surface
+from . import applications, differentiators, hosmc, interop, lv, pid, prd, rpl, smc1, smc2, surface
 from .core import (
     Block,
     BlockError,
@@ -25,8 +26,8 @@ from .core import (
 )
 
 __all__ = ["Block", "BlockError", "Channels", "ClosedLoop", "Metrics", "Param", "ParameterError", "Run", "accuracy",
-           "applications", "block", "channels", "differentiators", "hosmc", "interop", "lv", "pid", "prd", "simulate", "smc1",
-           "smc2", "surface"]
+           "applications", "block", "channels", "differentiators", "hosmc", "interop", "lv", "pid", "prd", "rpl", "simulate",
+           "smc1", "smc2", "surface"]
 __version__ = "0.1.0"
 
 

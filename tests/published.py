@@ -48,6 +48,17 @@ HIGH_FREQUENCY_GAIN = Row("paper (7)", "a_2/b_7", -117.1/0.2, 1e-12)
 #: Lander, vector practical relative degree of attitude and altitude.
 LANDER_PRD = Row("paper, RPL SMC design, step 1", "(theta, x)", (2, 2), 0)
 
+#: Lander, dead bands: {channel: (begin [s], end [s], delta)}.
+TABLE_1 = Row("paper Table 1", "dead bands", dict(attitude=((0, 100, 0.05), (100, 200, 0.025), (200, 240, 0.01)),
+                                                  descent=((0, 100, 0.1), (100, 200, 0.075), (200, 240, 0.05))), 0)
+
+#: Lander, Table 2: value (J_ea, J_ed [m], J_ua [N], J_ud [N]). The unit of J_ea is not given; no J_ud can be had at all.
+TABLE_2 = {
+    "PID": Row("paper Table 2", "PID", (0.5855, 336.6, 5.304, 10220.0), 0),
+    "STW": Row("paper Table 2", "STW", (0.0463, 3.427, 3.054, 2552.0), 0),
+    "1-SMC": Row("paper Table 2", "1-SMC", (0.1234, 66.58, 5.206, 1513.0), 0),
+}
+
 PD_GAINS = [Row("paper (67)", "k_p", 1.87, 3e-3), Row("paper (67), with damping 0.8 instead of its 0.7", "k_d", 2.13, 3e-3)]
 
 #: Table 3: case; value (J_e, J_u). None can be had on the paper's own plant with its own perturbation.

@@ -281,7 +281,8 @@ def test_signals_are_wired_by_name_whatever_their_order():
 
 #: What each stage may ask for.
 STAGES = dict(reference="t", output="t x u d", differentiator="t r y e z tau", surface="t r y e z tau", law="t r y e sigma z tau",
-              allocation="t r y e sigma v z tau", actuator="t y u z tau", perturbation="t x", plant="t x u d")
+              allocation="t r y e sigma v z tau", actuator="t y u z tau", perturbation="t x", plant="t x u d",
+              stop="t x")
 
 
 @pytest.mark.parametrize("stage", STAGES)

@@ -28,7 +28,7 @@ def public():
     """{name: thing} of what a user meets: the names of the packages and of the modules beside them, each thing once."""
     seen = {}
     for module in (smc, smc.core, smc.surface, smc.interop, smc.pid, smc.smc1, smc.smc2, smc.hosmc, smc.differentiators, smc.prd,
-                   smc.applications, smc.lv, smc.ui):
+                   smc.applications, smc.lv, smc.rpl, smc.ui):
         for name in module.__all__:
             thing = getattr(module, name)
             if not isinstance(thing, types.ModuleType) and not any(thing is other for other in seen.values()):
@@ -43,7 +43,8 @@ PROMISED = dict(
     smc1="sign_smc quasi_smc saturation_smc tanh_smc unit_vector quasi_unit_vector adaptive_smc adaptive_quasi_smc "
          "adaptive_unit_vector adaptive_quasi_unit_vector dual_layer_smc dual_layer_quasi_smc dual_layer_unit_vector",
     smc2="super_twisting twisting adaptive_super_twisting adaptive_twisting gains",
-    hosmc="quasi_continuous nested adaptive_continuous", lv="loop transfer_function", applications="double_integrator dc_motor",
+    hosmc="quasi_continuous nested adaptive_continuous", lv="loop transfer_function", rpl="loop landing pulses",
+    applications="double_integrator dc_motor",
     ui="mask live plot")
 CALLABLE = {n: t for n, t in PUBLIC.items() if isinstance(t, (types.FunctionType, Block, type))}
 BLOCKS = {n: t for n, t in PUBLIC.items() if isinstance(t, Block)}

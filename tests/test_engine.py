@@ -7,6 +7,7 @@ import threading
 from concurrent.futures import ThreadPoolExecutor
 from fractions import Fraction
 from types import SimpleNamespace
+from typing import Annotated
 
 import numpy as np
 import pytest
@@ -369,6 +370,67 @@ def test_a_run_is_steps_of_dt():
     assert simulate(relay, 0.1, 0.1, jit=False).steps == 1
 
 
+@block
+def left(t, x, until=0.7004):
+    return min(until - t, x[0] + 1e3)
+
+
+@pytest.mark.parametrize("jit", [True, False])
+@pytest.mark.parametrize("record", [1, 7, 10**6])
+def test_stop_ends_the_run_at_the_first_step_with_nothing_left(jit, record):
+    whole = simulate(relay, 3.0, 1e-3, tau=3e-3, record=10**6, jit=jit)
+    run = simulate(relay.with_(stop=left), 3.0, 1e-3, tau=3e-3, record=record, jit=jit)
+    assert (run.steps, run.stopped_at, run.diverged_at) == (701, 701*1e-3, None)
+    assert run.t[0] == 0.0 and run.t[-1] == 701*1e-3 and len(run.t) <= record + 1
+    rows = np.round(run.t/1e-3).astype(int)
+    for name in ("y", "e", "sigma", "u"):
+        assert np.array_equal(getattr(run, name), np.array(getattr(whole, name))[..., rows]), name
+    assert run.mean_u == pytest.approx(abs(whole.u[:701]).mean(), rel=1e-12)
+    assert run.max_sigma == abs(whole.sigma[:702]).max()
+
+
+def test_stop_at_the_start_or_never():
+    run = simulate(relay.with_(stop=left.with_(until=0.0)), 1.0, 1e-3)
+    assert (run.steps, run.stopped_at, len(run.t)) == (0, 0.0, 1)
+    run = simulate(relay.with_(stop=left.with_(until=9.0)), 1.0, 1e-3)
+    assert run.stopped_at is None and run.steps == 1000
+    assert np.array_equal(run.u, simulate(relay, 1.0, 1e-3).u)
+    assert simulate(relay, 1.0, 1e-3).stopped_at is None
+
+
+def test_a_loop_without_stop_has_no_line_for_it():
+    text = engine._Writer(relay, "euler", 1e-3).source
+    assert "left" not in text and "left" in engine._Writer(relay.with_(stop=left), "euler", 1e-3).source
+
+
+def test_stop_is_one_number():
+    @block
+    def two(x):
+        return x[0], x[1]
+
+    with pytest.raises(BlockError, match="stop 'two' must return a float, what is left until the run ends; it returned"):
+        simulate(relay.with_(stop=two), 1.0, 1e-3)
+
+
+@block(state=dict(count=0.0))
+def holds(u, z, tau, time: Annotated[float, Param("T", "s", samples=True)] = 0.05):
+    return u, (z[0] + 1.0,)
+
+
+@pytest.mark.parametrize(("time", "dt", "tau", "good"), [
+    (0.05, 1e-3, 0.05, True), (0.15, 1e-3, 0.05, True), (0.05, 1e-3, None, True), (0.3, 0.1, 0.1, True),
+    (5e-4, 1e-3, None, False), (0.05, 1e-3, 0.1, False), (0.12, 1e-3, 0.05, False), (0.0, 1e-3, None, False)])
+def test_a_time_that_a_block_counts_in_samples_is_a_multiple_of_them(time, dt, tau, good):
+    loop = relay.with_(actuator=holds.with_(time=time))
+    if good:
+        assert simulate(loop, 1.0, dt, tau, jit=False, record=1).steps > 0
+    else:
+        with pytest.raises(ParameterError) as why:
+            simulate(loop, 1.0, dt, tau)
+        assert str(why.value) == (f"simulate: actuator__time = {time:g} s is not allowed; it must be a multiple of "
+                                  f"tau = {tau or dt:g} s")
+
+
 # ---- the same numbers twice ------------------------------------------------------------------------------------------
 @pytest.mark.parametrize(("law", "preset"), [(law, preset) for law, presets in smc.lv.PRESETS.items() for preset in presets])
 def test_compiled_equals_plain_to_the_last_bit_launch_vehicle(law, preset):
@@ -429,7 +491,7 @@ def test_no_chunk_takes_more_than_50_ms(cost, tail, n):
         """Takes `cost` for each step, on a clock of its own."""
         clock[0] += (stop - k)*cost
         longest[0] = max(longest[0], (stop - k)*cost)
-        return stop, sample, row, line, False
+        return stop, sample, row, line, n, False
 
     writer = made(relay)
     with pytest.MonkeyPatch.context() as patch:

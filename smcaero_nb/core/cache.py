@@ -1,6 +1,7 @@
 """What a function says (not who it is): fingerprints, compiled functions, and a disk cache keyed on them."""
 
 import contextlib
+import functools
 import hashlib
 import os
 import pathlib
@@ -27,9 +28,17 @@ def _codes(c):
     return [c] + [d for k in c.co_consts if isinstance(k, types.CodeType) for d in _codes(k)]
 
 
+@functools.lru_cache(maxsize=2000)
+def _written(code):
+    """Names that a code object reads, in order, and the hash of what it says: neither ever changes."""
+    say = [(c.co_argcount, c.co_code.hex(), c.co_names, c.co_varnames, c.co_freevars,
+            [k for k in c.co_consts if not isinstance(k, types.CodeType)]) for c in _codes(code)]
+    return tuple(dict.fromkeys(n for c in _codes(code) for n in c.co_names)), hashlib.sha256(repr(say).encode()).hexdigest()
+
+
 def _used(f):
     """The globals that a function reads."""
-    return {n: f.__globals__[n] for c in _codes(f.__code__) for n in c.co_names if n in f.__globals__}
+    return {n: f.__globals__[n] for n in _written(f.__code__)[0] if n in f.__globals__}
 
 
 def _name(v):
@@ -52,10 +61,8 @@ def _content(v, seen, names=(), defaults=True):
         if id(v) in seen:
             return f"seen {seen[id(v)]}"
         seen[id(v)] = len(seen)
-        names = {n for c in _codes(v.__code__) for n in c.co_names}
-        say = [(c.co_argcount, c.co_code.hex(), c.co_names, c.co_varnames, c.co_freevars,
-                [k for k in c.co_consts if not isinstance(k, types.CodeType)]) for c in _codes(v.__code__)]
-        say += [v.__defaults__, v.__kwdefaults__] if defaults else []
+        names, say = _written(v.__code__)
+        say = (say, v.__defaults__, v.__kwdefaults__) if defaults else say
         cells = [_content(c.cell_contents, seen, names) for c in v.__closure__ or ()]
         return repr((say, cells, [(n, _content(g, seen, names)) for n, g in _used(v).items()]))
     if isinstance(v, (types.ModuleType, type)):  # cfg.K: every attribute that may be read

@@ -28,7 +28,8 @@ CHUNK = 0.02  # s of machine time between two looks at Ctrl-C, cancel and progre
 
 ASKS = dict(reference=("t",), output=("t", "x", "u", "d"), differentiator=("t", "r", "y", "e"),
             surface=("t", "r", "y", "e"), law=("t", "r", "y", "e", "sigma"), allocation=("t", "r", "y", "e", "sigma", "v"),
-            actuator=("t", "y", "u"), perturbation=("t", "x"), plant=("t", "x", "u", "d"))
+            actuator=("t", "y", "u"), perturbation=("t", "x"), plant=("t", "x", "u", "d"),
+            stop=("t", "x"))
 GIVES = dict(differentiator=("e_hat", "e"), surface=("sigma", "e_hat"), law=("v", "sigma"), allocation=("u", "v"),
              actuator=("u", "u"))  # what a sampled stage gives, and what it passes on where there is none
 ESTIMATED = ("surface", "law", "allocation")  # for them e is what the differentiator gives, where there is one
@@ -49,6 +50,8 @@ class ClosedLoop:
         The stages of the pipeline; one left out is the identity (reference and perturbation: zero), free of cost.
         A parameter of `output` that the plant has too follows the plant. It may ask for u and d as they act on the plant when
         y is measured: at a sample, u is still that of the sample before (zero before the first), so that no loop is algebraic.
+    stop : Block or None
+        What is left until the run ends: it ends at the first step at which ``stop(t, x)`` is no longer positive.
     duration, dt, tau : float, optional
         What `simulate` uses unless told otherwise [s].
     name : str
@@ -91,8 +94,8 @@ class ClosedLoop:
     def settable(self):
         """{name: (Param, value, kind)} of all that `with_` accepts in the stages: what a mask shows."""
         tied = self.stages["plant"].params
-        return {f"{s}__{n}": (m, b.values[n], b.kinds.get(n, float)) for s, b in self.stages.items() if b
-                for n, m in b.settable.items() if not (s == "output" and n in tied)}
+        return {f"{s}__{n}": (m, values[n], kinds.get(n, float)) for s, b in self.stages.items() if b
+                for values, kinds in [(b.values, b.kinds)] for n, m in b.settable.items() if not (s == "output" and n in tied)}
 
     @property
     def p(self):
@@ -129,6 +132,7 @@ def run(S, P, rec, dt, tau, m, every, n, k, stop, sample, row, line):
         if not ({inside}):
             diverged = True
             break
+        {touch}
         if k == sample:
             sample += m
             {held}
@@ -150,7 +154,7 @@ def run(S, P, rec, dt, tau, m, every, n, k, stop, sample, row, line):
         {advance}
         k += 1
     {store}
-    return k, sample, row, line, diverged
+    return k, sample, row, line, n, diverged
 '''
 
 
@@ -221,6 +225,9 @@ class _Writer:
         if "u" in asked and self.shapes["u"] != taken:
             raise BlockError(f"the output asks for u, of which the plant takes {len(taken) if taken else 'one number'}, but the "
                              f"loop gives it u = {self.values_of('u')!r}")
+        parts["touch"] = []
+        if loop.stages["stop"]:  # the last row is this one
+            parts["touch"] = [*self.written(self.stage, "stop", "left"), "if not left > 0.0:", "    n = row = k"]
         names = {s: [_local(s, q) for q in leaves(self.shapes[s])] for s in self.shapes}
         e, u, watched = names["e"], names["u"], names["sigma"] + names["u"]
         held = [q for s, _ in GIVES.values() for q in names[s]]
@@ -341,6 +348,8 @@ class _Writer:
             got = got[0]
         if stage == "plant" and shape(got) != (None,)*len(states):
             raise BlockError(f"{where} must return dx/dt as a tuple of {len(states)} ({names}); it returned {got!r}")
+        if stage == "stop" and isinstance(got, tuple):
+            raise BlockError(f"{where} must return a float, what is left until the run ends; it returned {got!r}")
         if (isinstance(got, tuple) and not got) or not all(
                 isinstance(v, (float, int, np.number)) and not isinstance(v, (bool, complex)) for v in flat(got)):
             raise BlockError(f"{where} must return a float or a tuple of floats; it returned {got!r}")
@@ -487,6 +496,8 @@ class Run:
         Reversals of direction of `u` in the tail.
     tail : float
         Length of the tail [s].
+    stopped_at : float or None
+        Time at which the loop's `stop` ended the run before its duration was over [s]; the tail is still that of the duration.
     diverged_at : float or None
         Time at which a state or signal was not finite, or a state or output left the limits that its metadata declare [s].
     steps : int
@@ -501,7 +512,7 @@ class Run:
         return self.metrics()._repr_html_()
 
 
-def _result(loop, writer, rec, S, before, k, k_tail, dt, m, diverged):
+def _result(loop, writer, rec, S, before, k, k_tail, dt, m, stopped, diverged):
     """The `Run` of what the loop left in its arrays."""
     columns = dict(zip(writer.columns, rec.T, strict=True))
     now = dict(zip(writer.state, S.tolist(), strict=True))
@@ -515,7 +526,8 @@ def _result(loop, writer, rec, S, before, k, k_tail, dt, m, diverged):
         return values(next(names)) if s is None else tuple(nested(v, names, values) for v in s)
 
     run = Run()
-    run.loop, run.steps, run.diverged_at, run.t = loop, k, k*dt if diverged else None, columns["t"]
+    run.loop, run.steps, run.t = loop, k, columns["t"]
+    run.stopped_at, run.diverged_at = k*dt if stopped else None, k*dt if diverged else None
     for n in SIGNALS[1:]:
         setattr(run, n, signal(n, columns.get))
     for b in ("low", "high"):
@@ -590,6 +602,9 @@ def simulate(loop, duration=None, dt=None, tau=None, *, method="euler", record=2
         raise ParameterError(f"simulate: tau = {tau:g} s is not allowed; it must be a multiple of dt = {dt:g} s")
     if duration < tau*(1 - 1e-9):
         raise ParameterError(f"simulate: duration = {duration:g} s is not allowed; it must be at least tau = {tau:g} s")
+    for name, (meta, value, _) in loop.settable().items():
+        if meta.samples and not (value > 0.5*tau and abs(value/tau - round(value/tau)) < 1e-9*value/tau):
+            raise ParameterError(f"simulate: {name} = {value:g} s is not allowed; it must be a multiple of tau = {tau:g} s")
     if method not in METHODS:
         raise ParameterError(f"simulate: method = {method!r} is not allowed; it must be one of {', '.join(METHODS)}")
     record = Param(low=1).check("simulate", "record", record, int)
@@ -610,15 +625,15 @@ def simulate(loop, duration=None, dt=None, tau=None, *, method="euler", record=2
     peaks = [i for i, q in enumerate(writer.state) if q.startswith("max_")]
     before = dict.fromkeys(writer.state, 0.0)
     k = sample = row = line = 0
-    chunk, diverged = 1000 if jit else 20, False
+    chunk, diverged, planned = 1000 if jit else 20, False, n
     while k <= n and not diverged:
         stop = min(k + chunk, k_tail if k < k_tail else n + 1)
         began, at = time.perf_counter(), k
-        k, sample, row, line, diverged = f(S, P, rec, dt, m*dt, m, every, n, k, stop, sample, row, line)
+        k, sample, row, line, n, diverged = f(S, P, rec, dt, m*dt, m, every, n, k, stop, sample, row, line)
         if k == k_tail and at < k:
             before = dict(zip(writer.state, S.tolist(), strict=True))
             S[peaks] = 0.0
         chunk = max(1, int((k - at)*min(8.0, CHUNK/max(time.perf_counter() - began, 1e-6))))
         if progress:
-            progress(min(k/n, 1.0))
-    return _result(loop, writer, rec[:line], S, before, min(k, n), k_tail, dt, m, diverged)
+            progress(min(k/n, 1.0) if n else 1.0)
+    return _result(loop, writer, rec[:line], S, before, min(k, n), k_tail, dt, m, n < planned, diverged)

@@ -33,6 +33,8 @@ class Param:
         One line for the mask.
     slider : tuple of two floats
         Range of the slider, where it is narrower than the bounds.
+    samples : bool
+        It is a time that the block counts in samples: `simulate` takes only multiples of its sampling step.
     """
 
     symbol: str = ""
@@ -42,6 +44,7 @@ class Param:
     log: bool = False
     help: str = ""
     slider: tuple = ()
+    samples: bool = False
 
     def check(self, owner, name, value, kind=float):
         """Return `value` as `kind` (float, int, bool or a Literal) if it is allowed, else raise `ParameterError`."""

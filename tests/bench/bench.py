@@ -16,6 +16,7 @@ import time
 
 import differentiators
 import hosmc
+import lander
 import laws
 import numpy as np
 
@@ -132,10 +133,12 @@ def fixed(rounds):
 
 if __name__ == "__main__":
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 15
-    held = [speed(count), laws.beside_c(count), hosmc.beside_c(count), differentiators.speed(count), start(3)]
+    held = [speed(count), laws.beside_c(count), hosmc.beside_c(count), differentiators.speed(count), lander.beside_c(count),
+            start(3)]
     fixed(count)
     laws.each_law(max(3, count//3))
     hosmc.of_each(max(3, count//3))
+    lander.descents()
     good = "All limits hold." if shutil.which("gcc") else "What needs no C compiler holds; nothing was compared with C."
     print(good if all(held) else "A limit does not hold.")
     sys.exit(not all(held))

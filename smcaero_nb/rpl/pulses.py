@@ -1,0 +1,298 @@
+"""Off-pulse modulation: dither, dead band, modified sign, sample and hold, pulses of a least duration; paper eqs (44), (45)."""
+
+import math
+from typing import Annotated
+
+from ..core import Param, ParameterError, block
+from ..smc1.relay import sign
+
+__all__ = ["dead_band", "dead_bands", "dither", "modified_sign", "pulse_modulator", "sample_and_hold", "thruster"]
+
+Amplitude = Annotated[float, Param("a", "[sigma]", low=0.0, help="amplitude of the dither; 0: none", slider=(0.0, 0.1))]
+Frequency = Annotated[float, Param(r"\omega", "rad/s", low=0.0, help="frequency of the dither; not a multiple of pi/tau",
+                                   slider=(0.0, 60.0))]
+Band = Annotated[float, Param(r"\delta", "[sigma]", low=0.0, help="dead band", slider=(0.0, 0.2))]
+Band1 = Annotated[float, Param(r"\delta_1", "[sigma]", low=0.0, help="dead band until t_1", slider=(0.0, 0.2))]
+Band2 = Annotated[float, Param(r"\delta_2", "[sigma]", low=0.0, help="dead band from t_1 to t_2", slider=(0.0, 0.2))]
+Band3 = Annotated[float, Param(r"\delta_3", "[sigma]", low=0.0, help="dead band from t_2 on", slider=(0.0, 0.2))]
+Time1 = Annotated[float, Param("t_1", "s", low=0.0, help="end of the first interval", slider=(0.0, 240.0))]
+Time2 = Annotated[float, Param("t_2", "s", low=0.0, help="end of the second interval", slider=(0.0, 240.0))]
+Hysteresis = Annotated[bool, Param("hysteresis extension", help="extension: a pulse goes on inside the dead band")]
+Coasts = Annotated[bool, Param("coasts", help="a pulse ends where sigma changes its sign; off: at the other edge of the band")]
+Low = Annotated[float, Param(r"u_{min}", "N", help="least thrust", slider=(-30.0, 0.0))]
+High = Annotated[float, Param(r"u_{max}", "N", help="greatest thrust", slider=(0.0, 3000.0))]
+Pulse = Annotated[float, Param("T_s", "s", low=0.0, samples=True, help="least duration of a pulse and of a pause",
+                               slider=(0.05, 1.0))]
+HELD = dict(held=(0.0, Param("u_h", "N", help="thrust that is held")), count=(0.0, Param("k", help="samples it is held for")))
+
+
+@block
+def dither(t, a: Amplitude = 0.05, omega: Frequency = 20.0) -> Param(r"\Delta", "[sigma]"):
+    r"""Dither, to be added to a sliding variable.
+
+    .. math:: \bar\sigma = \sigma + \Delta, \qquad \Delta = a\sin\omega t, \qquad \omega = 2\pi/N
+
+    Parameters
+    ----------
+    t : float
+        Time [s].
+    a : float
+        Amplitude [sigma].
+    omega : float
+        Frequency [rad/s].
+
+    Returns
+    -------
+    float
+        The dither [sigma].
+
+    Notes
+    -----
+    Erratum: the paper's omega = 20 is called Hz. Sampled every tau = 0.05 s, 20 Hz is sin(2 pi k) = 0 at every sample k: it
+    aliases to nothing, as does any multiple of pi/tau = 62.8 rad/s. As eq (44) defines it, omega is in rad/s, and 20 rad/s is
+    sampled six times a period.
+
+    References
+    ----------
+    Paper eq (44).
+    """
+    return a*math.sin(omega*t)
+
+
+def ordered(values):
+    """The condition that the intervals of the dead band follow one another."""
+    if not values["t_1"] <= values["t_2"]:
+        return f"t_1 = {values['t_1']:g} s is not allowed; it must be at most t_2 = {values['t_2']:g} s"
+
+
+@block(check=ordered)
+def dead_band(t, delta_1: Band1 = 0.05, delta_2: Band2 = 0.025, delta_3: Band3 = 0.01, t_1: Time1 = 100.0, t_2: Time2 = 200.0
+              ) -> Param(r"\delta", "[sigma]"):
+    r"""Time-varying dead band: wide at first, for sparse pulses, narrow at the end, for accuracy.
+
+    .. math:: \delta = \delta_1 \text{ for } t < t_1, \quad \delta_2 \text{ for } t_1 \le t < t_2, \quad \delta_3 \text{ after}
+
+    Parameters
+    ----------
+    t : float
+        Time [s].
+    delta_1, delta_2, delta_3 : float
+        Dead bands of the intervals [sigma].
+    t_1, t_2 : float
+        Where the second and the third interval begin [s].
+
+    Returns
+    -------
+    float
+        The dead band [sigma].
+
+    Raises
+    ------
+    ParameterError
+        Intervals that do not follow one another.
+
+    References
+    ----------
+    Paper, Table 1 and the text above eq (45). The default is its attitude row; `dead_bands` reads such a table.
+    """
+    return delta_1 if t < t_1 else delta_2 if t < t_2 else delta_3
+
+
+def dead_bands(table):
+    r"""Parameters of `dead_band` from a table of intervals.
+
+    .. math:: \delta(t) = \delta_i \text{ for } t_{i-1} \le t < t_i
+
+    Parameters
+    ----------
+    table : sequence of (begin, end, delta)
+        One to three rows, begin and end in s, delta in the unit of sigma.
+
+    Returns
+    -------
+    dict
+        ``delta_1``, ``delta_2``, ``delta_3``, ``t_1``, ``t_2``, for `with_`.
+
+    Raises
+    ------
+    ParameterError
+        A table that does not begin at 0 s, has gaps or overlaps, or more than three rows, or a dead band that is not allowed.
+
+    References
+    ----------
+    Paper, Table 1.
+
+    Examples
+    --------
+    >>> dead_band.with_(**dead_bands([(0, 100, 0.1), (100, 200, 0.075), (200, 240, 0.05)]))(150.0)
+    0.075
+    """
+    rows = [tuple(Param(low=0.0).check("dead_bands", f"table[{i}]", v) for v in row) for i, row in enumerate(table)]
+    if not 1 <= len(rows) <= 3 or any(len(row) != 3 for row in rows):
+        raise ParameterError(f"dead_bands: table = {rows} is not allowed; it must be one to three rows of "
+                             "(begin [s], end [s], delta)")
+    last = 0.0
+    for i, (begin, end, _) in enumerate(rows):
+        if begin != last or not end > begin:
+            what = "overlap" if begin < last else "gap" if begin > last else "interval without duration"
+            raise ParameterError(f"dead_bands: table[{i}] from {begin:g} to {end:g} s is not allowed, {what}; it must begin at "
+                                 f"{last:g} s and end later")
+        last = end
+    rows += [rows[-1]]*(3 - len(rows))
+    return dict(delta_1=rows[0][2], delta_2=rows[1][2], delta_3=rows[2][2], t_1=rows[0][1], t_2=rows[1][1])
+
+
+@block(state=dict(held=(0.0, Param("s(0)", low=-1.0, high=1.0, help="sign before the start"))))
+def modified_sign(sigma, z, delta: Band = 0.05, hysteresis: Hysteresis = True, coasts: Coasts = True) -> Param("s"):
+    r"""Sign with a dead band: a relay that has three levels, or two with memory.
+
+    .. math::
+
+        \overline{\mathrm{sign}}(\sigma) = \mathrm{sign}(\sigma) \text{ if } |\sigma| > \delta, \text{ else }
+        \begin{cases} 0 & \text{without hysteresis} \\ s \text{ while } s\sigma > 0, \text{ then } 0 & \text{coasting} \\
+        s & \text{not coasting} \end{cases}
+
+    with s the value before.
+
+    Parameters
+    ----------
+    sigma : float
+        Sliding variable, with dither where there is one.
+    delta : float
+        Dead band [sigma].
+    hysteresis : bool
+        Extension: what began outside the dead band goes on inside.
+    coasts : bool
+        With hysteresis: end a pulse at the change of sign, for thrusters that push both ways. Off: hold it to the other edge of
+        the band, for thrusters that push one way against gravity.
+
+    Returns
+    -------
+    float
+        -1, 0 or 1.
+
+    Notes
+    -----
+    Without hysteresis a narrower dead band does not make the pulses denser, which is what the paper wants of it. A one-sided
+    thruster with a plain dead band only shifts sigma: it fires at one edge of the band, never at the other.
+
+    References
+    ----------
+    Paper eq (45) for the dead band; the hysteresis is an extension.
+    """
+    held, = z
+    s = sign(sigma) if abs(sigma) > delta else held if hysteresis and (held*sigma > 0.0 or not coasts) else 0.0
+    return s, (s,)
+
+
+@block(state=HELD)
+def sample_and_hold(u, z, tau, pulse: Pulse = 0.05) -> Param("u", "N"):
+    r"""Sample and hold: the thrust changes every `pulse` seconds only.
+
+    .. math:: u(t) = u(k T_s), \qquad k T_s \le t < (k + 1) T_s
+
+    Parameters
+    ----------
+    u : float
+        Wanted thrust [N].
+    pulse : float
+        T_s [s], a multiple of the sampling step.
+
+    Returns
+    -------
+    float
+        Thrust [N].
+
+    Notes
+    -----
+    With tau = T_s it changes nothing: the loop itself samples and holds.
+
+    References
+    ----------
+    Paper, text above eq (45), "S&H"; 0.05 s in the case study.
+    """
+    held, count = z
+    held = u if count < 0.5 else held
+    return held, (held, count + 1.0 if count + 1.5 < pulse/tau else 0.0)
+
+
+def crossed(values):
+    """The condition that the limits of the thrust do not cross."""
+    if not values["low"] < values["high"]:
+        return f"low = {values['low']:g} N is not allowed; it must be less than high = {values['high']:g} N: they cross"
+
+
+@block(state=HELD, check=crossed)
+def thruster(u, z, tau, low: Low = -15.0, high: High = 15.0, pulse: Pulse = 0.05) -> Param("u", "N"):
+    r"""Thrusters with limits, held for a least duration.
+
+    .. math:: u(t) = \max(u_{min}, \min(u_{max}, u(k T_s))), \qquad k T_s \le t < (k + 1) T_s
+
+    Parameters
+    ----------
+    u : float
+        Wanted thrust [N].
+    low, high : float
+        Limits [N]; low = 0 for thrusters that push one way.
+    pulse : float
+        T_s, least duration of a pulse and of a pause [s], a multiple of the sampling step.
+
+    Returns
+    -------
+    float
+        Thrust [N].
+
+    Raises
+    ------
+    ParameterError
+        Limits that cross.
+
+    References
+    ----------
+    Paper, section "Simulation setup": limits and 0.05 s.
+    """
+    return sample_and_hold(max(low, min(high, u)), z, tau, pulse)
+
+
+@block(state={"owed": (0.0, Param("q", "N s", help="impulse owed to start with")), **HELD}, check=crossed)
+def pulse_modulator(u, z, tau, low: Low = -15.0, high: High = 15.0, pulse: Pulse = 0.05) -> Param("u", "N"):
+    r"""Pulse modulation of a continuous thrust: full thrust or none, the same impulse.
+
+    .. math::
+
+        \dot q = \mathrm{sat}(u) - u_f, \qquad u_f =
+        \begin{cases} u_{max} & q > u_{max} T_s/2 \\ u_{min} & q < u_{min} T_s/2 \\ 0 & \text{else} \end{cases}
+
+    Parameters
+    ----------
+    u : float
+        Wanted thrust [N], limited to [low, high] before it counts.
+    low, high : float
+        The thrust of a pulse [N]; low = 0 for thrusters that push one way.
+    pulse : float
+        T_s, least duration of a pulse and of a pause [s], a multiple of the sampling step; u_f is chosen every T_s.
+
+    Returns
+    -------
+    float
+        u_f [N]: low, 0 or high.
+
+    Raises
+    ------
+    ParameterError
+        Limits that cross.
+
+    Notes
+    -----
+    The impulse owed, q, stays within what a pulse gives: the mean thrust follows u. A wanted thrust of half the limit makes a
+    pulse every other T_s, the most there can be.
+
+    References
+    ----------
+    Paper eq (45), whose PWM is not specified: this is the error feedback of delta-sigma modulators.
+    """
+    owed, held, count = z
+    owed += tau*max(low, min(high, u))
+    chosen = high if owed > 0.5*high*pulse else low if owed < 0.5*low*pulse else 0.0
+    fired, after = sample_and_hold(chosen, (held, count), tau, pulse)
+    return fired, (owed - tau*fired, *after)
