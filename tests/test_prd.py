@@ -190,14 +190,8 @@ def test_vector_relative_degree_of_two_coupled_axes():
     assert result.results[1][0].name.endswith("input 1 to output 2") and "input 1 to output 2" in result.explain()
 
 
-@block(state=dict(theta=1.6, w=0.1, x=6500.0, v=-10.0))
-def lander(x, u, d):
-    """The paper's (46): attitude and descent."""
-    return x[1], 2.8/300*u[0] + d[0], x[3], math.sin(x[0])/1000.0*(u[0] + u[1]) - 1.6 + d[1]
-
-
 def test_the_lander():
-    result = prd.identify(lander, output=block(lambda x: ((x[0], x[1]), (x[2], x[3]))))
+    result = prd.identify(smc.rpl.lander, output=smc.rpl.attitude_and_altitude)
     assert result.prd == LANDER_PRD.value and result.confirmed
     assert str(result) == "The experimentally determined vector PRD is equal to [2, 2]"
     assert [[q.prd for q in row] for row in result.results] == [[2, None], [2, 2]]

@@ -138,6 +138,8 @@ class PRDSweep:
     prd = property(lambda self: tuple(q.prd for q in self.results))
 
     def __str__(self):
-        return "\n".join(["window [s]   PRD   confirmed", *(
-            f"{w:10.4g}   {q.prd or '-'!s:<6}{'yes' if q.confirmed else 'no'}" for w, q in zip(self.windows, self.results,
-                                                                                            strict=True))])
+        said = [str(q).replace("None", "-") for q in self.prd]
+        n = max(map(len, ["PRD", *said]))
+        return "\n".join([f"window [s]   {'PRD':<{n}}   confirmed", *(
+            f"{w:10.4g}   {r:<{n}}   {'yes' if q.confirmed else 'no'}" for w, r, q in zip(self.windows, said, self.results,
+                                                                                       strict=True))])

@@ -254,13 +254,14 @@ def _sweep(sweep, here=None):
         many = len(answers[0]) > 1
         kinds = ["unresolved" if not r[i] else "confirmed" if q.confirmed else "not confirmed"
                  for r, q in zip(answers, sweep.results, strict=True)]
-        look = {"confirmed": "circle", "not confirmed": "circle-open", "unresolved": "x-thin-open"}
+        shape = SYMBOLS[i % len(SYMBOLS)]
+        look = {"confirmed": shape, "not confirmed": f"{shape}-open", "unresolved": "x-thin-open"}
         for kind, mark in look.items():
             at = [j for j, q in enumerate(kinds) if q == kind]
             name = f"output {i + 1}: {kind}" if many else kind
             if at:
                 dot = dict(color=COLOURS[i % len(COLOURS)], size=9, symbol=mark, line_width=2*(kind != "confirmed"))
-                traces.append(go.Scatter(x=[sweep.windows[j] for j in at], y=[answers[j][i] or 0 for j in at], mode="markers",
+                traces.append(go.Scatter(x=[sweep.windows[j] for j in at], y=[(answers[j][i] or 0) + 0.1*i for j in at], mode="markers",
                                          name=name, marker=dot, showlegend=True, hovertemplate="w %{x:.3g} s: "
                                          + (kind if kind == "unresolved" else "PRD %{y}") + "<extra></extra>"))
     if here:
@@ -272,12 +273,13 @@ def _sweep(sweep, here=None):
 
 def _vector(found):
     """Of each input and output: the derivative that decides, or the first."""
-    rows = [(f"y<sub>{i + 1}</sub>, u<sub>{j + 1}</sub>", q) for i, row in enumerate(found.results) for j, q in enumerate(row)]
-    traces, ranges = [], []
-    for n, (_, q) in enumerate(rows):
-        k, at = q.prd or 1, str(n + 1) if n else ""
-        z = q.analyser.derivatives[k - 1]
-        label = f"{_order(k, 'y')}: PRD {q.prd}" if q.prd else "no response" if q.noise_floor != q.noise_floor else "unresolved"
-        traces.append(_line(q.t, z, label, COLOURS[1] if q.prd else COLOURS[0], at, True))
-        ranges.append(_reach(z))
-    return traces, *_stack([n for n, _ in rows], ranges, "t [s]")
+    traces, titles, ranges = [], [], []
+    for i, row in enumerate(found.results, 1):
+        for j, q in enumerate(row, 1):
+            k, at = q.prd or 1, str(len(titles) + 1) if titles else ""
+            z = q.analyser.derivatives[k - 1]
+            said = f"PRD {q.prd}" if q.prd else "unresolved" if z.any() else "no response"
+            traces.append(_line(q.t, z, f"input {j} to output {i}: {said}", COLOURS[1] if q.prd else COLOURS[0], at, True))
+            titles.append(_order(k, f"y<sub>{i}</sub>"))
+            ranges.append(_reach(z))
+    return traces, *_stack(titles, ranges, "t [s]")
