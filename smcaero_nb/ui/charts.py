@@ -261,9 +261,10 @@ def _sweep(sweep, here=None):
             name = f"output {i + 1}: {kind}" if many else kind
             if at:
                 dot = dict(color=COLOURS[i % len(COLOURS)], size=9, symbol=mark, line_width=2*(kind != "confirmed"))
-                traces.append(go.Scatter(x=[sweep.windows[j] for j in at], y=[(answers[j][i] or 0) + 0.1*i for j in at], mode="markers",
-                                         name=name, marker=dot, showlegend=True, hovertemplate="w %{x:.3g} s: "
-                                         + (kind if kind == "unresolved" else "PRD %{y}") + "<extra></extra>"))
+                traces.append(go.Scatter(x=[sweep.windows[j] for j in at], y=[(answers[j][i] or 0) + 0.2*i for j in at],
+                                         name=name, mode="markers", marker=dot, showlegend=True,
+                                         customdata=[answers[j][i] or kind for j in at],
+                                         hovertemplate="w %{x:.3g} s: PRD %{customdata}<extra></extra>"))
     if here:
         traces.append(go.Scatter(x=[here, here], y=[-0.4, 5.4], mode="lines", line=dict(color="#0072B2", width=1, dash="dot"),
                                  showlegend=False, hoverinfo="skip"))
