@@ -140,6 +140,8 @@ def _beside(stack, charts):
         axes |= {f"xaxis{at}": X_AXIS | dict(domain=(left, right), anchor=f"y{at}") | x,
                  f"yaxis{at}": Y_AXIS | dict(domain=(0.0, BELOW/full), anchor=f"x{at}") | y,
                  f"legend{at}": dict(LEGEND, x=right, y=BELOW/full)}
+        if i < len(charts) - 1:  # inside, where a line that rises leaves room
+            axes[f"legend{at}"] |= dict(orientation="v", x=left + 0.01, xanchor="left", yanchor="top")
     return traces, dict(LAYOUT, height=full + TOP + BOTTOM, hovermode="closest", hoversubplots="single", **axes)
 
 
