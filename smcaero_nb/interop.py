@@ -76,7 +76,7 @@ def _identifiers(names):
     for i, name in enumerate(names):
         s = re.sub(r"\W+", "_", str(name), flags=re.ASCII).strip("_") or f"x{i}"
         s = f"x_{s}" if s[0].isdigit() or keyword.iskeyword(s) else s
-        made.append(s if s not in made else f"{s}_{i}")
+        made.append(next(q for q in (s, *(f"{s}_{j}" for j in range(i, i + len(names) + 1))) if q not in made))
     return made
 
 

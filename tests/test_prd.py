@@ -1,5 +1,6 @@
 """Practical relative degree: the paper's case, plants of every order and kind, noise, time scales, records and their faults."""
 
+import io
 import math
 from collections import Counter
 
@@ -188,6 +189,27 @@ def test_vector_relative_degree_of_two_coupled_axes():
     assert str(result) == "The experimentally determined vector PRD is equal to [2, 2]"
     assert [[q.gain for q in row] for row in result.results] == [pytest.approx(row, rel=1e-3) for row in B[[1, 3]].tolist()]
     assert result.results[1][0].name.endswith("input 1 to output 2") and "input 1 to output 2" in result.explain()
+
+
+def test_a_vector_relative_degree_needs_a_regular_matrix_of_gains():
+    """y1 = u1/s, y2 = u1/s + u2/s^2: both outputs feel u1 first, so that no control by u decouples them."""
+    result = prd.identify(control.tf([[[1.0], [0.0]], [[1.0], [1.0]]], [[[1.0, 0.0], [1.0]], [[1.0, 0.0], [1.0, 0.0, 0.0]]]))
+    assert result.prd == (1, 1) and not result.confirmed and "gains is singular" in str(result)
+
+
+@pytest.mark.parametrize("plant, window, noise", [
+    (control.tf([1.0], [1.0, 0.0, -1.0]), 5.0, 1e-3),
+    (smc.lv.transfer_function(), 0.6, 1e-3), (smc.lv.transfer_function(), 10.0, 1e-4),
+    (control.tf([1.0], np.polymul([1.0, 0.02, 1.0], [1.0, 0.0, 0.0])), 8.0, 0.0)])
+def test_a_slope_that_passes_a_whole_number_is_no_answer(plant, window, noise):
+    """Beyond the time constants of the plant the slope passes through whole numbers without staying at one."""
+    assert prd.identify(plant, window=window, noise=noise).prd is None
+
+
+@pytest.mark.parametrize("alpha", [0.01, 0.05, 0.15])
+def test_no_ramp_passes_as_a_step(alpha):
+    for r in range(1, 6):
+        assert prd.identify(control.tf([1.0], [1.0] + [0.0]*r), alpha=alpha).prd == r
 
 
 def test_the_lander():
@@ -444,7 +466,7 @@ def broken(row, new):
     (broken(1, "t [fortnight],y,u"), r"unit of time \[fortnight\] is not known; it must be one of s, "),
     ("", "a line of names and lines of numbers are needed"),
     ("t\n1\n2\n", "only one column"),
-    ("t,y,u\n" + "".join(f"{k},0,1\n" for k in range(200)), "the input 'u' never changes"),
+    ("t,y,u\n" + "".join(f"{k},0,1\n" for k in range(200)), "the input 'u' never steps"),
 ])
 def test_a_bad_csv_is_named_by_line_and_column(tmp_path, text, said):
     with pytest.raises(ParameterError, match=said):
@@ -454,9 +476,50 @@ def test_a_bad_csv_is_named_by_line_and_column(tmp_path, text, said):
 def test_a_csv_that_is_not_there(tmp_path):
     with pytest.raises(ParameterError, match="none.csv: cannot be read"):
         prd.read_csv(tmp_path/"none.csv")
-    (tmp_path/"log.csv").write_bytes(b"\xff\xfe\x00\x01")
-    with pytest.raises(ParameterError, match="cannot be read"):
-        prd.read_csv(tmp_path/"log.csv")
+    for content, said in ((b"\xff\xfe\x00", "cannot be read"), (b"\x89PNG\r\n\x1a\n\x00\x00", "only one column"),
+                          (b"", "a line of names and lines of numbers are needed")):
+        (tmp_path/"log.csv").write_bytes(content)
+        with pytest.raises(ParameterError, match=said):
+            prd.read_csv(tmp_path/"log.csv")
+
+
+@pytest.mark.parametrize("code", ["utf-8", "utf-8-sig", "utf-16", "latin-1"])
+def test_csv_in_many_codes(tmp_path, code):
+    (tmp_path/"log.csv").write_bytes(("sep=;\r\n" + lines("t [µs];Höhe [m];u", ";", scale=1e6)).encode(code))
+    record = prd.read_csv(tmp_path/"log.csv") if code != "latin-1" else prd.Record(T, T.clip(0.0)**2, 0.0)
+    assert prd.identify(record, window=0.2).prd == 2
+
+
+def logged(u, **given):
+    t = np.arange(600)*1e-3
+    rows = (f"{a:.4f},{(a - 0.2)**2*(a > 0.2):.8f},{b:.6f}" for a, b in zip(t, u(t), strict=True))
+    return prd.read_csv(io.StringIO("t,y,u\n" + "\n".join(rows)), **given)
+
+
+def test_edges_of_a_measured_input():
+    rng = np.random.default_rng(0)
+    noisy = logged(lambda t: 2.0*(t >= 0.2) + 1e-3*rng.standard_normal(600))
+    assert noisy.step_time == pytest.approx(0.2) and noisy.amplitude == pytest.approx(2.0, abs=1e-3) and noisy.until == 0.599
+    ramp = logged(lambda t: np.clip((t - 0.1985)/0.003, 0.0, 1.0))  # an edge of three samples
+    assert (ramp.step_time, ramp.amplitude, ramp.until) == (pytest.approx(0.199), 1.0, 0.599)
+    assert logged(lambda t: 1.0*(t >= 0.2) - 1.0*(t >= 0.4)).until == 0.4
+    assert logged(lambda t: 1.0*(t >= 0.2), step_time=0.1995).amplitude == 1.0
+    with pytest.raises(ParameterError, match="'u' does not step at step_time = 0.1 s, but at 0.2 s; give the amplitude"):
+        logged(lambda t: 1.0*(t >= 0.2), step_time=0.1)
+    with pytest.raises(ParameterError, match="'u' never steps: from sample to sample it changes by less than 5%"):
+        logged(lambda t: np.clip((t - 0.2)/0.3, 0.0, 1.0))
+
+
+def test_dates_and_masked_values_are_refused():
+    dates = np.datetime64("2026-01-01") + np.arange(len(T)).astype("timedelta64[s]")
+    for t, y in ((dates, T), (T, np.ma.masked_array(T, T > 0.5))):
+        with pytest.raises(ParameterError, match="is masked, or dates"):
+            prd.Record(t, y, 0.0)
+
+
+def test_a_column_needs_a_name_of_its_own(tmp_path):
+    with pytest.raises(ParameterError, match="line 1: y = 'y' is there 2 times; give each column its own name"):
+        prd.read_csv(write(tmp_path, lines("t,y,y")))
 
 
 # ---- what is refused -------------------------------------------------------------------------------------------------
@@ -499,7 +562,7 @@ def test_bad_sources_are_named(source, said):
     (dict(window=0.0), "window = 0 s is not allowed; it must be larger than 0 s"),
     (dict(window=0.1), r"window = 0.1 s is not allowed; for record it must be from 0.2 s \(40 samples\) to 1.068 s"),
     (dict(window=2.0), "to 1.068 s"),
-    (dict(alpha=0.9), "alpha = 0.9 is not allowed; it must be a finite number from 0.01 to 0.5"),
+    (dict(alpha=0.9), "alpha = 0.9 is not allowed; it must be a finite number from 0.01 to 0.15"),
 ])
 def test_bad_settings_are_named(settings, said):
     with pytest.raises(ParameterError, match=said):

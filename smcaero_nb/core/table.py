@@ -12,7 +12,8 @@ from .param import ParameterError
 __all__ = ["Table"]
 
 DELIMITERS = {",": "comma", ";": "semicolon", "\t": "tab", None: "blank"}
-SECONDS = {"": 1.0, "s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "min": 60.0, "h": 3600.0}
+SECONDS = {"": 1.0, "s": 1.0, "sec": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "ns": 1e-9, "min": 60.0,
+           "h": 3600.0}
 
 
 class Table:
@@ -20,7 +21,7 @@ class Table:
 
     Commas, semicolons, tabs or blanks stand between the numbers; lines that begin with ``#`` or ``%`` are passed over, and a
     unit stands in brackets behind the name: ``time [ms]``, ``theta (rad)``. With semicolons, tabs or blanks a comma in a number
-    is its decimal point.
+    is its decimal point. Characters that are not UTF-8 or UTF-16, which only names can have, become question marks.
 
     Parameters
     ----------
@@ -48,10 +49,13 @@ class Table:
         self.owner, self.file, self.name = owner, path.name, path.stem
         try:
             text = source.read() if stream else path.read_bytes()
-            text = text.decode("utf-8-sig") if isinstance(text, bytes) else text
+            if isinstance(text, bytes):
+                code = "utf-16" if text[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig"
+                text = text.decode(code, errors="strict" if code == "utf-16" else "replace")
         except (OSError, UnicodeDecodeError) as why:
             self.refuse(f"cannot be read: {why}")
-        lines = [(i, q) for i, q in enumerate(text.splitlines(), 1) if q.strip() and q.strip()[0] not in "#%"]
+        lines = [(i, q) for i, q in enumerate(text.splitlines(), 1)
+                 if q.strip() and q.strip()[0] not in "#%" and not q.lower().startswith("sep=")]
         if len(lines) < 2:
             self.refuse("a line of names and lines of numbers are needed")
         (self.top, head), *rows = lines
@@ -73,7 +77,7 @@ class Table:
 
     def _number(self, field):
         try:
-            return float(field if self.sep == "," else field.replace(",", "."))
+            return math.nan if "_" in field else float(field if self.sep == "," else field.replace(",", "."))
         except ValueError:
             return math.nan
 
@@ -87,6 +91,8 @@ class Table:
         """
         if name not in self.names:
             self.refuse(f"{what} = {name!r} is not there; the columns are {', '.join(self.names)}", self.top)
+        if self.names.count(name) > 1:
+            self.refuse(f"{what} = {name!r} is there {self.names.count(name)} times; give each column its own name", self.top)
         j = self.names.index(name)
         values = np.empty(len(self.rows))
         for k, (line, fields) in enumerate(zip(self.lines, self.rows, strict=True)):
@@ -105,9 +111,9 @@ class Table:
             k, j = wrong[0] + 1, self.names.index(name)
             self.refuse(f"column {j + 1} ('{name}'): {self.rows[k][j]} after {self.rows[k - 1][j]}; times must increase",
                         self.lines[k])
-        if unit not in SECONDS:
+        if unit.lower() not in SECONDS:
             self.refuse(f"the unit of time [{unit}] is not known; it must be one of {', '.join(filter(None, SECONDS))}", self.top)
-        return t*SECONDS[unit]
+        return t*SECONDS[unit.lower()]
 
     def about(self, **chosen):
         """What was found, in words, and which column serves for what."""

@@ -7,7 +7,7 @@ import numpy as np
 from ..core import Param, ParameterError
 from .record import EVEN, gap, record, refuse
 
-__all__ = ["lipschitz"]
+__all__ = ["lipschitz", "scale"]
 
 
 def lipschitz(t, f, n_d):
@@ -51,6 +51,11 @@ def lipschitz(t, f, n_d):
     >>> lipschitz(t, np.sin(t), 1)  # |sin''| <= 1
     1.99...
     """
+    return scale(t, f, n_d)[0]
+
+
+def scale(t, f, n_d):
+    """The bound, and the time over which the derivative n_d + 1 stands out of the noise."""
     t, f = record("lipschitz", t, f)
     n_d = Param(low=0, high=12).check("lipschitz", "n_d", n_d, int)
     refuse("lipschitz", t, f)
@@ -72,4 +77,4 @@ def lipschitz(t, f, n_d):
             g = g[m//stride:] - g[:-(m//stride)]
         S.append(np.abs(g).max()/(m//stride*stride*h)**n)
         m *= 2
-    return max(2.0*float(S[-1]), 1e-9)
+    return max(2.0*float(S[-1]), 1e-9), n*m//2*h

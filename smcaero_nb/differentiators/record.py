@@ -12,6 +12,8 @@ EVEN = 0.01  # of the mean step; steps that differ by less are taken as equal
 
 def record(owner, t, f):
     """The record as two arrays of float."""
+    if wrong := [n for n, q in (("t", t), ("f", f)) if np.ma.is_masked(q) or getattr(q, "dtype", np.dtype(float)).kind in "mM"]:
+        raise ParameterError(f"{owner}: {wrong[0]} is masked, or dates; it must be numbers, t in seconds from some time on")
     try:
         t, f = (np.ascontiguousarray(q, dtype=float) for q in (t, f))
     except (TypeError, ValueError) as why:

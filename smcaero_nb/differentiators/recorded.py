@@ -8,15 +8,15 @@ import numpy as np
 from ..core import ParameterError
 from ..core.cache import compiled, fingerprint, kept
 from ..core.signal import text
-from .lipschitz import lipschitz
+from .lipschitz import scale
 from .record import EVEN, gap, record, refuse
 from .sampled import differentiator
 
 __all__ = ["differentiate"]
 
 TEXT = '''
-def run(t, f, out, L, gap, even):
-    z = {start}
+def run(t, f, out, first, L, gap, even):
+    z = {first}
     gaps, h = 0, t[1] - t[0]
     for k in range(len(t)):
         before = h
@@ -41,15 +41,23 @@ def _pass(method, blk, n_d):
     if key not in _made:
         late = method == "implicit"
         names = dict(step=blk.f if config.DISABLE_JIT else compiled(blk.f), inf=math.inf, __name__=__name__)
-        exec(TEXT.format(start=repr(blk.z0), tau="even" if late else "h",
+        first = "".join(f"first[{i}], " for i in range(len(blk.z0)))
+        exec(TEXT.format(first=f"({first})", start=repr(blk.z0), tau="even" if late else "h",
                          uneven=f" and (abs(h - even) <= {EVEN}*even or h > gap)" if late else "",
                          out=text((None,)*(n_d + 1) if n_d else None, (f"out[{i}, k]" for i in range(n_d + 1)))), names)
         f = names["run"]
         if not config.DISABLE_JIT:
             f = kept(njit(nogil=True, error_model="numpy", no_cfunc_wrapper=True)(f), key[0])
-            f.compile((float64[::1], float64[::1], float64[:, ::1], float64, float64, float64))
+            f.compile((float64[::1], float64[::1], float64[:, ::1], float64[::1], float64, float64, float64))
         _made[key] = f
     return _made[key]
+
+
+def _start(t, f, n_d, span):
+    """f, f', ..., f^(n_d) at the start: of the polynomial that fits the first samples best."""
+    n = min(max(int(np.searchsorted(t, t[0] + span)), 2*(n_d + 1)), len(t))
+    fitted = np.polynomial.Polynomial.fit(t[:n], f[:n], min(n_d, n - 1))
+    return [float(fitted.deriv(i)(t[0])) for i in range(n_d + 1)]
 
 
 def differentiate(t, f, L, n_d, n_f=0, method="levant"):
@@ -84,8 +92,9 @@ def differentiate(t, f, L, n_d, n_f=0, method="levant"):
     Notes
     -----
     These are the blocks of `differentiator`, run over the arrays; see there for the equation, the accuracy and its limits.
-    The first estimates are f(0), 0, ..., 0 and have to settle. Taylor's terms take each step as long as it is. `implicit`
-    takes steps that differ from their mean by less than a hundredth as even.
+    The first estimates are f(0), 0, ..., 0 and have to settle; with ``L="auto"`` those of the polynomial of degree n_d that fits
+    the first samples best, because the L of a steady motion is too small to get there. Taylor's terms take each step as long as
+    it is. `implicit` takes steps that differ from their mean by less than a hundredth as even.
 
     References
     ----------
@@ -99,14 +108,18 @@ def differentiate(t, f, L, n_d, n_f=0, method="levant"):
     """
     t, f = record("differentiate", t, f)
     blk = differentiator(n_d, n_f, method)
-    blk = blk.with_(L=lipschitz(t, f, n_d) if isinstance(L, str) and L == "auto" else L)
+    first = np.array(blk.z0)
+    if isinstance(L, str) and L == "auto":
+        L, span = scale(t, f, n_d)
+        first[n_f:] = *_start(t, f, n_d, span), 1.0
+    blk = blk.with_(L=L)
     longest, even = gap(t), 0.0
     if method == "implicit":
         refuse("differentiate", t, f)
         even = np.diff(t)
         even = float(even[even <= longest].mean())
     out = np.empty((n_d + 1, len(t)))
-    k, gaps = _pass(method, blk, n_d)(t, f, out, blk.values["L"], longest, even)
+    k, gaps = _pass(method, blk, n_d)(t, f, out, first, blk.values["L"], longest, even)
     if k < len(t):
         refuse("differentiate", t, f)
         raise ParameterError(f"differentiate: method = 'implicit' needs even steps, but that from t[{k}] = {t[k]:g} s is "

@@ -79,7 +79,8 @@ class Trial:
         """The times, samples and estimates as the text of a CSV file."""
         head = ["t [s]", "f", *(f"z_{i} [{per('f', i)}]" for i in range(len(self.estimates)))]
         text = io.StringIO()
-        np.savetxt(text, np.column_stack([self.t, self.f, *self.estimates]), "%.10g", ",", header=",".join(head), comments="")
+        digits = ["%.17g", *["%.10g"]*(len(head) - 1)]  # times since 1970 need them
+        np.savetxt(text, np.column_stack([self.t, self.f, *self.estimates]), digits, ",", header=",".join(head), comments="")
         return text.getvalue()
 
     def __str__(self):
@@ -155,8 +156,7 @@ def trial(signal=None):
     [2, 1]
     """
     def estimated(t, f, L, found, how):
-        L = lipschitz(t, f, how["n_d"]) if found else L
-        return differentiate(t, f, L, **how), L
+        return differentiate(t, f, "auto" if found else L, **how), lipschitz(t, f, how["n_d"]) if found else L
 
     if signal is not None:
         t, f = (np.array(q, float) for q in signal[:2])

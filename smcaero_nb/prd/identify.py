@@ -22,7 +22,7 @@ FINE = 1e-9  # noise relative to the response, below which the sixth difference 
 ALONE = 0.05  # noise of the derivative that steps, up to which the analyser is believed against the power law
 STEPPED = 2.0  # slope of z_(k-1) at once after the step, relative to later, from which z_(k-1) has itself stepped
 ONSET = 0.2  # distance of the slope, extrapolated to the step, from the whole number it names
-ALPHA, NOISE = Param(low=0.01, high=0.5), Param(low=0.0, high=1.0)
+ALPHA, NOISE = Param(low=0.01, high=0.15), Param(low=0.0, high=1.0)  # from alpha = 1 - 1/SPAN on, a ramp would be a step
 DEFAULT = 0.02  # window of models [s]: the paper's record of eq (7), sampled every 1e-4 s, has 200 samples in it
 
 
@@ -129,13 +129,14 @@ def identify(source, *, output=None, surface=None, window=None, alpha=0.1, ampli
         `control.TransferFunction`, `StateSpace` or `NonlinearIOSystem`, continuous; a `Record`, such as `read_csv` gives;
         or (t, y, step_time, amplitude) [s], [y], [s], [u].
     output, surface : Block, optional
-        Of a plant block: what is measured (default: the block's own output, else its first state), and a sliding variable of
-        it, which is then what is identified.
+        Of a plant block: what is measured (default: the block's own output, else its states, for one input the first), and a
+        sliding variable of it, which is then what is identified.
     window : float, optional
         w [s]: what happens within it counts as at once. Default: 0.02 s for models; for a record, the shortest at which the
         methods agree, among those that are 1/1.25, 1/2.5, 1/5, ... of what follows the step.
     alpha : float
-        Share of its excursion that a derivative may still lack at the end of the window, 0.01 to 0.5.
+        Share of its excursion that a derivative may still lack at the end of the window, 0.01 to 0.15; from 0.2 on, even
+        a ramp would pass as a step: it makes 1/1.25 of its way within w.
     amplitude : float
         Height of the step that a model is given [u], not 0.
     noise : float
@@ -164,7 +165,7 @@ def identify(source, *, output=None, surface=None, window=None, alpha=0.1, ampli
     seen for longer than its time constant, there is none. See `sweep`.
 
     High orders can be told by the analyser only from records that are nearly free of noise: for orders 1 to 5, with 200 samples
-    in a window, noise of 1e-2, 3e-4, 1e-4, 1e-5, 1e-6 of the response. The power law stands 1e-3 for all of them. Where the
+    in a window, noise of 5e-3, 3e-4, 1e-4, 1e-5, 1e-6 of the response. The power law stands 1e-3 for all of them. Where the
     two disagree and the record is noisy, or neither can tell, `prd` is None and `reason` says why: a wrong answer is worse than
     none. With the window left to it, a record has a confirmed answer or none.
 
@@ -195,6 +196,8 @@ def identify(source, *, output=None, surface=None, window=None, alpha=0.1, ampli
         source = Record(*source)
     if (output or surface) and not isinstance(source, (Block, ClosedLoop)):
         raise ParameterError("prd.identify: output and surface are for a plant block or a loop; this source has its own output")
+    if x0 is not None and isinstance(source, (Record, Block, ClosedLoop)):
+        raise ParameterError("prd.identify: x0 is for a NonlinearIOSystem; a block starts from its initial states")
     if isinstance(source, Record):
         return _judged([[source]], window, alpha, noise)
     if Param(unit="[u]").check("prd.identify", "amplitude", amplitude) == 0.0:
@@ -213,8 +216,16 @@ def _judged(records, window, alpha, noise):
         return rows[0][0]
     acting = [[q for q in row if q.noise_floor == q.noise_floor] for row in rows]  # without those that do not respond
     prd = tuple(min(q.prd for q in row) if row and all(q.prd for q in row) else None for row in acting)
-    confirmed = all(r and all(q.confirmed for q in row if q.prd == r) for r, row in zip(prd, acting, strict=True))
-    return VectorPRD(rows, prd, confirmed, window)
+    gains = np.array([[q.gain if q.prd == r else 0.0 for q in row] for r, row in zip(prd, rows, strict=True)])
+    scale = np.abs(gains).max(axis=1, keepdims=True, initial=0.0)
+    why = ""
+    if None in prd:
+        why = f"output {prd.index(None) + 1} is unresolved, see explain()"
+    elif np.linalg.matrix_rank(gains/scale, tol=1e-2) < min(gains.shape):
+        why = "the matrix of the high-frequency gains is singular, so that the inputs cannot act on the outputs one by one"
+    elif not all(q.confirmed for r, row in zip(prd, acting, strict=True) for q in row if q.prd == r):
+        why = "the methods do not agree on an entry that decides it, see explain()"
+    return VectorPRD(rows, prd, not why, window, why)
 
 
 def sweep(source, windows, **settings):
@@ -249,5 +260,5 @@ def sweep(source, windows, **settings):
     >>> sweep(smc.lv.transfer_function(), (0.02, 0.3, 0.6)).prd
     (5, 3, 2)
     """
-    windows = tuple(positive("prd.sweep", "windows", w) for w in windows)
+    windows = tuple(positive("prd.sweep", "windows", w) for w in np.atleast_1d(windows).tolist())
     return PRDSweep(windows, tuple(identify(source, window=w, **settings) for w in windows))

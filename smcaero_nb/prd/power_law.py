@@ -9,7 +9,7 @@ __all__ = ["PowerLaw", "power_law"]
 
 QUIET = 20.0  # the fit starts where the response exceeds the noise this many times
 HIGHEST = 5
-NEAR = 0.35  # distance from a whole number up to which the slope names one
+NEAR = 0.35  # distance from a whole number up to which the slope names one, and of the slopes of its halves
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,10 @@ def power_law(t, y, noise, span):
                         "too late in the window, or not at all")
     if np.ptp(np.sign(y[m])) > 0:
         return PowerLaw(None, math.nan, octave, noise, "the response changes its sign, which no power law does")
-    slope = float(np.polyfit(np.log(t[m]), np.log(np.abs(y[m])), 1)[0])
+    logs = np.log(t[m]), np.log(np.abs(y[m]))
+    slope = float(np.polyfit(*logs, 1)[0])
+    first = logs[0] < 0.5*(logs[0][0] + logs[0][-1])
+    halves = [float(np.polyfit(logs[0][q], logs[1][q], 1)[0]) for q in (first, ~first)]
     r = round(slope)
     if r < 1:
         why = f"the slope {slope:.2f} is that of no relative degree from 1 to {HIGHEST}" + (
@@ -63,4 +66,6 @@ def power_law(t, y, noise, span):
         why = f"the slope {slope:.2f} is above {HIGHEST}, the highest order looked for"
     else:
         why = f"the slope {slope:.2f} is not near a whole number" if abs(slope - r) > NEAR else ""
+        if abs(halves[1] - halves[0]) > NEAR:
+            why = f"the slope goes from {halves[0]:.2f} to {halves[1]:.2f} within the octave, which no power law does"
     return PowerLaw(None if why else r, slope, octave, noise, why)

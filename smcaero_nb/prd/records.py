@@ -11,6 +11,7 @@ __all__ = ["Record", "read_csv"]
 
 BEFORE = 20  # samples before the step, at least
 AFTER = 50  # samples after it
+EDGE = 0.05  # of the range of an input, by which it changes at once where it steps
 JITTER = 0.1  # of a sampling step, by which a time may miss the even grid
 
 
@@ -61,6 +62,8 @@ class Record:
 
     def __post_init__(self):
         for n, unit in (("t", "s"), ("y", "[y]")):
+            if np.ma.is_masked(getattr(self, n)) or getattr(getattr(self, n), "dtype", np.dtype(float)).kind in "mM":
+                refuse(n, "is masked, or dates; it must be numbers, t in seconds from some time on")
             try:
                 q = np.array(getattr(self, n), float)
             except (TypeError, ValueError):
@@ -117,7 +120,8 @@ def read_csv(path, t=None, y=None, u=None, *, step_time=None, amplitude=None):
     t, y, u : str, optional
         Names of the columns of time, output and input. Default: the first, the second, and the third where there are three.
     step_time, amplitude : float, optional
-        When the input steps [s], and how high [u]; where not given, found in the column `u`.
+        When the input steps [s], and how high [u]; where not given, found in the column `u`: a change by more than 5 % of its
+        range from sample to sample begins an edge.
 
     Returns
     -------
@@ -144,14 +148,20 @@ def read_csv(path, t=None, y=None, u=None, *, step_time=None, amplitude=None):
     seconds, (output, _), until = table.times(t), table.column("y", y), math.inf
     if u:
         values, _ = table.column("u", u)
-        changes = np.flatnonzero(np.diff(values)) + 1
-        changes = changes[seconds[changes] >= (-math.inf if step_time is None else step_time - 1e-9)]
-        if len(changes):
-            step_time = seconds[changes[0]] if step_time is None else step_time
-            amplitude = values[changes[0]] - values[changes[0] - 1] if amplitude is None else amplitude
-            until = seconds[changes[1]] if len(changes) > 1 else until
-        elif step_time is None or amplitude is None:
-            table.refuse(f"the input '{u}' never changes: there is no step")
+        jumps = np.flatnonzero(np.abs(np.diff(values)) > EDGE*np.ptp(values)) + 1
+        first = jumps[np.diff(jumps, prepend=-9) > 1]  # an edge may take several samples
+        if not len(first) and (step_time is None or amplitude is None):
+            table.refuse(f"the input '{u}' never steps: from sample to sample it changes by less than {EDGE:.0%} of its range")
+        here = first[seconds[first] >= (-math.inf if step_time is None else step_time - 1.5*np.median(np.diff(seconds)))]
+        if amplitude is None:
+            if not len(here) or step_time is not None and seconds[here[0]] > step_time + 1.5*np.median(np.diff(seconds)):
+                table.refuse(f"the input '{u}' does not step at step_time = {step_time:g} s, but at "
+                             f"{', '.join(f'{q:g}' for q in seconds[first[:4]])} s; give the amplitude as well")
+            end = here[1] if len(here) > 1 else len(values)
+            amplitude = float(np.median(values[here[0]:end]) - np.median(values[:here[0]]))
+        step_time = seconds[here[0]] if step_time is None else step_time
+        later = here[seconds[here] > step_time + 1.5*np.median(np.diff(seconds))]
+        until = seconds[later[0]] if len(later) else until
     elif step_time is None:
         table.refuse("there is no column of the input: give step_time [s]")
     amplitude = 1.0 if amplitude is None else amplitude

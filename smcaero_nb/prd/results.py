@@ -101,19 +101,22 @@ class VectorPRD:
         The vector relative degree: of each output, the lowest over the inputs; None where an input that acts on it cannot
         be told.
     confirmed : bool
-        So are all entries that decide it.
+        So are all entries that decide it, and the matrix of their gains is regular.
     time_scale : float
         The window [s].
+    reason : str
+        Why it is not confirmed; empty where it is.
     """
 
     results: list
     prd: tuple
     confirmed: bool
     time_scale: float
+    reason: str
 
     def __str__(self):
         return f"The experimentally determined vector PRD is equal to [{', '.join(str(r) for r in self.prd)}]" + (
-            "" if self.confirmed else " (not confirmed)")
+            "" if self.confirmed else f" (not confirmed: {self.reason})")
 
     def explain(self):
         """The answer, and each entry in words."""
