@@ -154,7 +154,7 @@ class Live(W.Box):
         self.curves = {c.key: c for c in curves}
 
     def _say(self, text, refused=False):
-        if text != self.status:
+        if text or self.status:  # the mask takes a message away with every change, so the same one is said anew
             self.status = text
             self.mask.say(text, refused)
 
