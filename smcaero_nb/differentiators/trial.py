@@ -79,7 +79,8 @@ class Trial:
         """The times, samples and estimates as the text of a CSV file."""
         head = ["t [s]", "f", *(f"z_{i} [{per('f', i)}]" for i in range(len(self.estimates)))]
         text = io.StringIO()
-        np.savetxt(text, np.column_stack([self.t, self.f, *self.estimates]), "%.10g", ",", header=",".join(head), comments="")
+        form = ["%.15g"] + ["%.10g"]*(len(head) - 1)  # of times since long ago, the last digits count
+        np.savetxt(text, np.column_stack([self.t, self.f, *self.estimates]), form, ",", header=",".join(head), comments="")
         return text.getvalue()
 
     def __str__(self):
