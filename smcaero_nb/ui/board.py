@@ -76,7 +76,9 @@ class Live(W.Box):
     @property
     def figure(self):
         """What is drawn, as a figure of plotly."""
-        return go.Figure(*(draw({"": list(self.curves.values())}) if self.curves else figure(self.run)))
+        if self.curves or not self.run:
+            return go.Figure(*draw({"": list(self.curves.values())}))
+        return go.Figure(*figure(self.run))
 
     def set(self, **values):
         """Set values as the mask does, and wait until the curves show them.
@@ -120,7 +122,7 @@ class Live(W.Box):
                 text, refused = self._called(choice, loop)
         except Dropped as why:
             text = f"Cancelled; {KEPT}." if why.args == ("cancelled",) else ""
-        except Exception as why:  # a block may raise anything: a person reads it, and the page goes on
+        except (Exception, SystemExit) as why:  # a block may raise anything: a person reads it, and the page goes on
             text = f"{why if isinstance(why, (ParameterError, BlockError)) else f'{type(why).__name__}: {why}'}; {KEPT}."
         self._say(text, refused)
 
