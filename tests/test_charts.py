@@ -82,7 +82,8 @@ def test_trial():
         np.testing.assert_array_equal(dots.x, found.tau)
         assert np.polyfit(np.log(line.x), np.log(line.y), 1)[0] == pytest.approx(slope)
         assert np.log(line.y).mean() == pytest.approx(np.log(size).mean())  # through the middle of the points
-    assert told(figure) == ["samples", "estimate", "truth", *(f"z<sub>{i}</sub>: slope {s:.2f}" for i, s in enumerate(found.slopes))]
+    slopes = [f"z<sub>{i}</sub>: slope {s:.2f}" for i, s in enumerate(found.slopes)]
+    assert told(figure) == ["samples", "estimate", "truth", *slopes]
 
 
 def test_trial_of_a_record_has_no_truth_and_no_errors():
