@@ -184,8 +184,8 @@ def trial(signal=None):
                         jitter: Annotated[float, Param("jitter", low=0.0, high=0.9, help="of the times, in shares of tau")] = 0.0,
                         duration: Annotated[float, Param("T", "s", low=0.1, high=1000.0, slider=(5.0, 50.0))] = 20.0):
         if not LEAST <= duration/tau <= MOST:
-            raise ParameterError(f"differentiators.trial: tau = {tau:g} s is not allowed; with T = {duration:g} s it must be from "
-                                 f"{duration/MOST:.3g} to {duration/LEAST:.3g} s ({MOST} to {LEAST} samples)")
+            raise ParameterError(f"differentiators.trial: tau = {tau:g} s is not allowed; with T = {duration:g} s it must be "
+                                 f"from {duration/MOST:.3g} to {duration/LEAST:.3g} s ({MOST} to {LEAST} samples)")
         reached = a_1*omega_1**(n_d + 1) + a_2*omega_2**(n_d + 1)
         if not found and L < reached:
             warnings.warn(f"L = {L:g} is less than the {reached:.3g} that derivative {n_d + 1} of f may reach: the theorem does "

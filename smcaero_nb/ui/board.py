@@ -76,7 +76,7 @@ class Live(W.Box):
     @property
     def figure(self):
         """What is drawn, as a figure of plotly."""
-        if self.curves or not self.run:
+        if self.curves or self.run is None:
             return go.Figure(*draw({"": list(self.curves.values())}))
         return go.Figure(*figure(self.run))
 
@@ -132,6 +132,7 @@ class Live(W.Box):
         if good or first:
             self._drawn, self.run, self._metrics.value = choice, run, metrics_html(run)
             self._show(panels(run, *self._shown))
+            self._download.show("")
         if not good:
             return f"{why_diverged(run)}; {'the curves end there' if first else KEPT}.", True
         return "".join(f"{q}: the theorem does not cover this. " for q in run.doubts()).strip(), False

@@ -274,8 +274,10 @@ class Mask(W.VBox):
         return {n: self._brought(self.choice.value, n) for n in self.offered}
 
     def _brought(self, old, new):
-        """One of the loops, with what was changed in the vehicle and world of another; a block, with all that
-        was, except where it is meant to differ; what is not allowed there stays behind."""
+        """One of the loops, with what was changed in the vehicle and world of another.
+
+        A block, with all that was, except where it is meant to differ. What is not allowed there stays behind.
+        """
         was, now, there = _settable(self._given[old]), _settable(self.offered[old]), _settable(self.offered[new])
         carried = {n: v for n, (_, v, _) in now.items() if n in there and v != was[n][1]
                    and (n.split("__")[0] in WORLD or isinstance(self.offered[old], Block) and there[n][1] == was[n][1])}

@@ -43,7 +43,7 @@ class Picture(anywidget.AnyWidget):
     def show(self, traces, layout):
         """Draw traces."""
         drawn = go.Figure(traces, layout).to_plotly_json()
-        x, y = ([_numbers(t.get(k)) for t in drawn["data"]] for k in "xy")
+        x, y = ([_numbers(t[k] if k in t else None) for t in traces] for k in "xy")
         bare = [{k: v for k, v in t.items() if k != "uid" and not (k == "x" and len(a) or k == "y" and len(b))}
                 for t, a, b in zip(drawn["data"], x, y, strict=True)]
         with self.hold_sync():
@@ -57,7 +57,7 @@ class Picture(anywidget.AnyWidget):
 
 
 def _numbers(values):
-    """What float32 tells apart, as it is; nothing for other values, such as texts or times since 1970: they stay in the drawing."""
+    """What float32 tells apart; nothing for other values, such as texts or times since 1970: they stay in the drawing."""
     try:
         full = np.asarray(values, float)
     except (TypeError, ValueError):
