@@ -704,7 +704,9 @@ def test_a_trial_is_drawn_said_and_saved():
     assert button.file == ""  # a run is not what the button would save
     p.mask.choice.value = "two tones"
     p.wait()
-    assert p.curves == {} and p.mask._status.value.count("is not allowed") == 1
+    assert "tau = 0.9 s is not allowed" in p.mask._status.value and set(p.curves) == {"y", "r", "dy", "u"}  # of the loop, still
+    p.set(tau=0.02)
+    assert p.curves == {} and p.status == "" and button.file == "two tones, estimates.csv"
 
 
 # ---- one's own files ---------------------------------------------------------------------------------------------
