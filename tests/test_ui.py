@@ -705,7 +705,7 @@ def test_a_trial_is_drawn_said_and_saved():
     p.mask.choice.value = "two tones"
     p.wait()
     assert "tau = 0.9 s is not allowed" in p.mask._status.value and set(p.curves) == {"y", "r", "dy", "u"}  # of the loop, still
-    p.set(tau=0.02)
+    p.set(tau=0.02, L=2.0)
     assert p.curves == {} and p.status == "" and button.file == "two tones, estimates.csv"
 
 
