@@ -518,7 +518,7 @@ def test_dates_and_masked_values_are_refused():
 
 
 def test_a_column_needs_a_name_of_its_own(tmp_path):
-    with pytest.raises(ParameterError, match="line 1: y = 'y' is there 2 times; give each column its own name"):
+    with pytest.raises(ParameterError, match="line 1: y = .y. stands over 2 columns"):
         prd.read_csv(write(tmp_path, lines("t,y,y")))
 
 

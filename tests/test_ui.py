@@ -1,20 +1,24 @@
 """Masks and live plots, without a browser: the page's part is in tests/browser."""
 
 import _thread
+import datetime
 import math
 import subprocess
 import sys
 import threading
 import time
-from typing import Annotated
+import warnings
+from typing import Annotated, Literal
 
 import ipywidgets
 import numpy as np
+import plotly.graph_objects as go
 import pytest
 
 import smcaero_nb as smc
 from smcaero_nb import ClosedLoop, Param, ParameterError, block, channels
-from smcaero_nb.ui import board, live, mask, plot
+from smcaero_nb.applications.double_integrator import mass, position
+from smcaero_nb.ui import board, live, mask, plot, transfer_function, upload
 from smcaero_nb.ui.panels import panels
 from smcaero_nb.ui.words import doc_html, label, symbol, unit_html
 from smcaero_nb.ui.worker import Dropped, Newest
@@ -478,3 +482,403 @@ def test_an_overtaken_job_is_finished_only_if_it_nearly_is():
     newest.ask("third")
     newest.idle.wait()
     assert done == ["long overtaken", "third"]
+
+
+# ---- choices -----------------------------------------------------------------------------------------------------
+@block(check=lambda v: "mode fast needs k > 1" if v["mode"] == "fast" and v["k"] <= 1.0 else None)
+def moded(mode: Annotated[Literal["slow", "fast"], Param("mode", help="how")] = "slow",
+          k: Annotated[float, Param(r"k", "V", low=0.0, high=100.0)] = 2.0,
+          n: Annotated[int, Param("n", low=1, high=5)] = 1):
+    """A curve."""
+    if k > 90.0:
+        raise ZeroDivisionError("no k so large")
+    if k > 80.0:
+        sys.exit("leaving")
+    if k > 70.0:
+        return object()
+    if k > 60.0:
+        warnings.warn("k is large", UserWarning, stacklevel=2)
+        warnings.warn("k is large", UserWarning, stacklevel=2)
+    return go.Figure(go.Scatter(x=[0.0, 1.0], y=[0.0, k*(1 + (mode == "fast"))], name=mode))
+
+
+def test_a_choice_is_a_list():
+    m = mask(moded)
+    w = m.widgets["mode"]
+    assert isinstance(w, ipywidgets.Dropdown) and w.options == ("slow", "fast") and w.value == "slow"
+    assert (w.description, w.tooltip) == ("mode", "how") and "mode" not in m.entries
+    w.set_state({"index": 1})  # as the page sends it
+    assert m.target.values["mode"] == "fast" and m._status.value == ""
+    m.set(mode="slow")
+    assert w.value == "slow" and w.index == 0
+    w.value = "fast"
+    m.reset()
+    assert w.value == "slow" and m.values == moded.values
+
+
+def test_a_refused_choice_is_said():
+    m = mask(moded)
+    m.set(k=0.5)
+    m.widgets["mode"].value = "fast"
+    assert "mode fast needs k &gt; 1. It stays at slow." in m._status.value and m.values["mode"] == "slow"
+    assert "smcaero-refused" in m._rows["mode"].box._dom_classes
+    m.set(k=2.0)
+    assert m.widgets["mode"].value == "slow" and m._status.value == ""
+
+
+# ---- sliders and their page --------------------------------------------------------------------------------------
+def test_late_answers_of_the_page_move_nothing():
+    m = mask(everything)
+    gain, width = m.widgets["gain"], m.widgets["width"]
+    for a, b in ((3.0, 1.0), (7.0, 0.01), (5.0, 0.1)):
+        m.set(gain=a, width=b)
+    for answer in (3.0, 7.0):  # to values set before; the page had them when it drew
+        gain.set_state({"value": answer})
+        assert m.values["gain"] == 5.0 and gain.value == 5.0
+    width.set_state({"value": 1.0})
+    assert m.values["width"] == 0.1 and width.value == pytest.approx(0.1)
+    gain.set_state({"value": 3.0})  # answered already: now it is a person
+    assert m.values["gain"] == 3.0
+    gain.set_state({"value": 6.0})  # never told
+    assert m.values["gain"] == 6.0
+
+
+def test_told_values_are_forgotten_in_the_end():
+    m = mask(everything)
+    for k in range(200):
+        m.set(gain=0.05*k)
+    assert len(m._rows["gain"].told) < 40
+
+
+# ---- several targets ---------------------------------------------------------------------------------------------
+@block
+def narrow(mode: Annotated[Literal["slow", "fast"], Param("mode")] = "slow", k: Annotated[float, Param("k", high=10.0)] = 2.0,
+           n: Annotated[int, Param("n", low=1, high=5)] = 3, own: float = 1.0):
+    """Another curve: n begins at another value, and k ends earlier."""
+    return go.Figure(go.Scatter(x=[0.0, 1.0], y=[k, n]))
+
+
+def test_what_was_changed_comes_along_to_another_block():
+    m = mask({"a": moded, "b": narrow})
+    m.set(mode="fast", k=7.0, n=5)
+    m.choice.value = "b"
+    assert m.values == dict(mode="fast", k=7.0, n=3, own=1.0)  # n is meant to differ
+    assert m.widgets["mode"].value == "fast" and m.entries["k"].value == "7"
+    m.reset()
+    assert m.values == narrow.values
+
+
+def test_what_is_not_allowed_there_stays_behind():
+    m = mask({"a": moded, "b": narrow})
+    m.set(mode="fast", k=50.0)
+    m.choice.value = "b"
+    assert m.values == dict(mode="fast", k=2.0, n=3, own=1.0) and "own" in m.widgets
+    m.choice.value = "a"
+    assert m.values["k"] == 50.0
+
+
+def test_offer():
+    m, seen = mask(moded), []
+    assert m.choice not in m._head.children
+    m.observe(lambda change: seen.append(change.new.name), "target")
+    m.set(k=5.0)
+    m.offer("more", narrow)
+    assert m.choice in m._head.children and m.choice.value == "more" and m.choice.options == ("", "more")
+    assert seen == ["moded", "narrow"] and m.values["k"] == 5.0 and "own" in m.widgets
+    m.set(own=4.0)
+    m.offer("more", narrow.with_(own=9.0))  # under the same name: it takes the place of the other
+    assert m.choice.options == ("", "more") and m.values["own"] == 9.0 and m.entries["own"].value == "9"
+    m.set(own=1.0)
+    m.reset()
+    assert m.values["own"] == 9.0
+    m.choice.value = ""
+    assert m.target.name == "moded" and m.values["k"] == 5.0
+
+
+# ---- live plots of a block ---------------------------------------------------------------------------------------
+@pytest.fixture
+def drawn():
+    p = live(moded)
+    p.wait()
+    return p
+
+
+def sent(picture):
+    """[(x, y)] as the page gets them."""
+    pairs = zip(picture._picture.x, picture._picture.y, strict=True)
+    return [tuple(np.frombuffer(q, np.float32).tolist() for q in pair) for pair in pairs]
+
+
+def test_a_block_is_called_and_drawn(drawn):
+    assert drawn.status == "" and drawn.loop is drawn.mask.target and drawn.curves == {}
+    assert sent(drawn) == [([0.0, 1.0], [0.0, 2.0])]
+    drawn.mask.widgets["k"].value = 5.0
+    drawn.mask.widgets["mode"].value = "fast"
+    drawn.wait()
+    assert sent(drawn) == [([0.0, 1.0], [0.0, 10.0])] and drawn._picture.drawing["traces"][0]["name"] == "fast"
+    assert drawn.figure.data[0].y == (0.0, 10.0) and drawn.run.data[0].name == "fast"
+    assert drawn._metrics.value == "" and drawn._download.file == ""  # a picture has no numbers to take away
+
+
+@pytest.mark.parametrize("k, said", [(95.0, "ZeroDivisionError: no k so large"), (85.0, "SystemExit: leaving"),
+                                     (75.0, "TypeError: plot: object cannot be drawn")])
+def test_whatever_a_block_raises_is_said_and_the_curves_stay(drawn, k, said):
+    run, before = drawn.run, sent(drawn)
+    drawn.set(k=k)
+    assert drawn.status.startswith(said) and drawn.status.endswith("; the curves are those of the last good setting.")
+    assert "smcaero-bad" in drawn.mask._status.value and drawn.run is run and sent(drawn) == before
+    drawn.set(k=4.0)
+    assert drawn.status == drawn.mask._status.value == "" and sent(drawn) == [([0.0, 1.0], [0.0, 4.0])]
+
+
+def test_warnings_are_remarks_and_said_as_long_as_they_hold(drawn):
+    for k in (65.0, 66.0):
+        drawn.set(k=k)
+        assert drawn.status == "k is large." and drawn.mask._status.value == '<span class="smcaero-good">k is large.</span>'
+        assert sent(drawn)[0][1][1] == k
+    drawn.set(k=1.0)
+    assert drawn.mask._status.value == ""
+
+
+def test_a_block_that_never_succeeded():
+    @block
+    def broken(k=1.0):
+        raise ValueError("<b>no</b>")
+
+    p = live(broken)
+    p.wait()
+    assert p.status.startswith("ValueError: <b>no</b>") and "<b>" not in p.mask._status.value
+    assert p.run is None and p.figure.data == ()
+
+    @block
+    def asks(x, k=1.0):
+        return x
+
+    p = live(asks)
+    p.wait()
+    assert "TypeError" in p.status and "'x'" in p.status
+
+
+def test_any_figure_of_plotly_is_drawn_as_it_is():
+    made = [go.Scatter(y=[1.0, 2.0]), go.Pie(values=[1, 2]), go.Bar(x=["a", "b"], y=[3, 4]), go.Heatmap(z=[[1, 2], [3, 4]]),
+            go.Scatter(x=1.7e9 + np.arange(3.0), y=[0, 1, 2]), go.Scatter(x=np.arange(3.0), y=101325.0 + 1e-3*np.arange(3)),
+            go.Scatter(x=[0.0, 1.0, 2.0], y=[1.0, np.nan, 3.0])]
+
+    @block
+    def figures(k: Annotated[int, Param("k", low=0, high=6)] = 0):
+        return go.Figure(made[k])
+
+    p = live(figures)
+    for k, trace in enumerate(made):
+        p.set(k=k)
+        assert p.status == ""
+        here, (x, y) = p._picture.drawing["traces"][0], sent(p)[0]
+        for q, numbers in (("x", x), ("y", y)):
+            wanted = trace[q] if q in trace else None
+            if numbers:  # as float32
+                assert q not in here and numbers == pytest.approx(list(wanted), nan_ok=True)
+            else:  # in the trace, as plotly writes it
+                assert here.get(q) == go.Figure(trace).to_plotly_json()["data"][0].get(q)
+            assert bool(numbers) == (wanted is not None and (k, q) not in {(2, "x"), (4, "x"), (5, "y")})
+
+
+def test_a_trial_is_drawn_said_and_saved():
+    p = live({"two tones": smc.differentiators.trial(), "loop": LOOPS["pd"]})
+    p.set(n_d=1, tau=0.02)
+    assert p.run.estimates.shape == (2, 1001) and p.status == ""
+    np.testing.assert_array_equal(sent(p)[1][1], p.run.estimates[0].astype(np.float32))
+    assert "L = 2; greatest errors in the second half: |z<sub>0</sub> - f|" in p._metrics.value
+    button, messages = p._download, []
+    assert button.file == "two tones, estimates.csv"
+    button.send = lambda content, buffers: messages.append(buffers)
+    button._handle_custom_msg({}, [])  # pressed
+    assert messages == [[p.run.to_csv().encode()]]
+    p.set(L=0.5)
+    assert "L = 0.5 is less than the 1.12" in p.status and "the theorem does not cover this" in p.mask._status.value
+    before = p.run
+    p.set(tau=0.9)
+    assert "tau = 0.9 s is not allowed" in p.status and p.run is before
+    p.mask.choice.value = "loop"
+    p.wait()
+    assert set(p.curves) == {"y", "r", "dy", "u"} and p.status == ""
+    assert button.file == ""  # a run is not what the button would save
+    p.mask.choice.value = "two tones"
+    p.wait()
+    assert "tau = 0.9 s is not allowed" in p.mask._status.value and set(p.curves) == {"y", "r", "dy", "u"}  # of the loop, still
+    p.set(tau=0.02, L=2.0)
+    assert p.curves == {} and p.status == "" and button.file == "two tones, estimates.csv"
+
+
+# ---- one's own files ---------------------------------------------------------------------------------------------
+def csv(head="t,f", rows=200, sep=",", start=0):
+    return "\n".join([head, *(sep.join(f"{v:.6g}" for v in (0.01*k, np.sin(0.01*k), k)[:len(head.split(sep))])
+                              for k in range(start, start + rows))]).encode()
+
+
+@pytest.fixture
+def own():
+    p = live(smc.differentiators.trial())
+    p.wait()
+    return upload(p, smc.differentiators.read_csv, smc.differentiators.trial)
+
+
+def test_a_file_of_ones_own(own):
+    assert list(own.entries) == ["t", "f"] and own._head.children == (own.button,)
+    own.button.value = ({"name": "mine.csv", "content": memoryview(csv()), "type": "text/csv", "size": 1,
+                         "last_modified": datetime.datetime.now()},)
+    own.live.wait()
+    assert own.button.value == ()
+    assert own.status.startswith("mine.csv: 200 rows, 2 columns, delimiter comma; t = 't' [s], f = 'f'")
+    assert own.live.mask.choice.value == "mine.csv" and own.live.status == "" and "smcaero-good" in own._message.value
+    np.testing.assert_allclose(own.live.run.f, np.sin(0.01*np.arange(200)), atol=1e-6)
+    assert own.live._download.file == "mine, estimates.csv"
+    assert own._head.children == (own.button, *own.entries.values())
+    assert [(w.options, w.value) for w in own.entries.values()] == [(("–", "t", "f"), "t"), (("–", "t", "f"), "f")]
+
+
+def test_another_column_is_another_signal(own):
+    own.take("mine.csv", csv("t,f,g"))
+    own.live.set(n_d=1)
+    own.entries["f"].value = "g"
+    own.live.wait()
+    np.testing.assert_allclose(own.live.run.f, np.arange(200))
+    assert "f = 'g'" in own.status
+    own.entries["t"].value = "f"  # goes up, then down
+    assert "'f'" in own.status and "times must increase" in own.status and "smcaero-bad" in own._message.value
+    assert own.live.run.f[-1] == 199.0  # still the last good one
+    own.take("mine.csv", csv(start=100))  # the same name again
+    own.live.wait()
+    assert own.live.run.t[0] == 1.0 and own.live.mask.choice.options == ("", "mine.csv")
+
+
+@pytest.mark.parametrize("head, chosen", [("t,f", "tf"), ("F,T", "TF"), ("row,t,y", "ty"), ("y,t", "ty"), (",t,y", "ty"),
+                                          ("time [s],x", ("time", "x")), ("f,x", ("x", "f"))])
+def test_columns_are_guessed_by_name_then_by_place_and_none_twice(own, head, chosen):
+    own.take("a.csv", (head + "\n" + "".join(",".join([str(k)]*len(head.split(","))) + "\n" for k in range(150))).encode())
+    assert [w.value for w in own.entries.values()] == list(chosen) and own.live.mask.choice.value == "a.csv"
+
+
+@pytest.mark.parametrize("content, said", [
+    (b"", "a line of names and lines of numbers are needed"),
+    (b"0,1\n1,2\n", "line 1: the first line must hold the names of the columns, not numbers"),
+    (b"f\n1\n2\n", "only one column"),
+    (b"t,f\n0,1\n1,nan\n", "line 3: column 2 ('f'): 'nan' is not a finite number"),
+    (b"t,f\n0,1\n1,two\n", "line 3: column 2 ('f'): 'two' is not a finite number"),
+    (b"t,f\n1,1\n1,2\n", "line 3: column 1 ('t'): 1 after 1; times must increase"),
+    (b"t,f\n0,1\n1\n", "line 3: 1 columns, but the names are 2"),
+    (b"t,f,f\n0,1,1\n1,2,2\n", "f = 'f' stands over 2 columns"),
+    (b"\x89PNG\r\n\x1a\n\x00", "cannot be read"),
+    (b't,f\n0,"' + b"x"*200_000 + b'"\n', "is not a finite number"),
+])
+def test_a_bad_file_is_said_and_the_plot_stays(own, content, said):
+    own.take("good.csv", csv())
+    own.live.wait()
+    run = own.live.run
+    own.take("<b>bad.csv", content)
+    assert said in own.status and "<b>bad.csv" in own.status
+    assert "<b>" not in own._message.value and "smcaero-bad" in own._message.value
+    assert own.live.mask.choice.value == "good.csv" and own.live.run is run and own.live.status == ""
+    own.take("good.csv", csv())
+    assert "smcaero-good" in own._message.value
+
+
+def test_names_with_html_are_only_text(own):
+    own.take("<img src=x onerror=alert(1)>.csv", csv("t,<script>f</script>"))
+    own.live.wait()
+    assert "<img" not in own._message.value and "<script" not in own._message.value + own.live._metrics.value
+    assert "<img src=x onerror=alert(1)>.csv: 200 rows" in own.status and own.live.run is not None
+
+
+def test_a_record_that_cannot_be_differentiated_is_said_below_the_mask(own):
+    own.take("short.csv", csv(rows=5))
+    own.live.wait()
+    assert "are too few" in own.live.status and "the last good setting" in own.live.status
+    own.live.set(n_d=0)
+    assert own.live.status == "" and len(own.live.run.t) == 5
+
+
+def test_a_log_of_a_step_response():
+    p = live(smc.prd.experiment(mass, output=position))
+    p.wait()
+    log = upload(p, smc.prd.read_csv, smc.prd.experiment)
+    assert [type(w).__name__ for w in log.entries.values()] == ["Dropdown"]*3 + ["Text"]*2
+    t = np.arange(800)*1e-3
+    y = (t - 0.3).clip(0.0)**2
+    rows = "".join(f"{a:.3f},{b:.8g}\n" for a, b in zip(t, y, strict=True)).encode()
+    log.take("log.csv", b"t,y\n" + rows)
+    assert "there is no column of the input: give step_time [s]" in log.status and p.mask.choice.value == ""
+    log.entries["step_time"].value = "0,3"
+    assert "step time: '0,3' is not a finite number" in log.status
+    log.entries["step_time"].value = "5"
+    assert "step_time = 5 s is not allowed; it must be inside the record" in log.status
+    log.entries["step_time"].value = " 0.3 "
+    p.wait()
+    assert "step of 1 at 0.3 s" in log.status and p.mask.choice.value == "log.csv" and p.run.result.prd == 2
+    assert p.run.result.gain == pytest.approx(2.0, rel=0.01)
+    log.entries["amplitude"].value = "4"
+    p.wait()
+    assert p.run.result.gain == pytest.approx(0.5, rel=0.01)
+    log.entries["amplitude"].value = "0"
+    assert "amplitude = 0 [u] is not allowed" in log.status and p.run.result.amplitude == 4.0
+    log.take("other.csv", b"t,y\n" + rows)
+    assert log.entries["step_time"].value == log.entries["amplitude"].value == ""  # of the file before
+    assert "give step_time" in log.status
+
+
+# ---- one's own transfer function ---------------------------------------------------------------------------------
+@pytest.fixture
+def typed_in():
+    p = live(smc.prd.experiment(mass))
+    p.wait()
+    return transfer_function(p, smc.prd.experiment)
+
+
+def identify(own, numerator, denominator):
+    own.entries["numerator"].value, own.entries["denominator"].value = numerator, denominator
+    own.button.click()
+    own.live.wait()
+    return own.status
+
+
+@pytest.mark.parametrize("numerator, denominator, name, order", [
+    ("1", "1 3 3 1", "(1)/(s^3 + 3s^2 + 3s + 1)", 3),
+    (" 2, 1 ", "1;0\t-4", "(2s + 1)/(s^2 - 4)", 1),
+    ("-1 0", "0 1 0 1 0", "(-s)/(s^3 + s)", 2),
+    ("1e-3", "1 0.5 0", "(0.001)/(s^2 + 0.5s)", 2),
+])
+def test_a_transfer_function_of_ones_own(typed_in, numerator, denominator, name, order):
+    assert identify(typed_in, numerator, denominator) == f"{name} is chosen in the mask."
+    assert typed_in.live.mask.choice.value == name and typed_in.live.run.result.prd == order and typed_in.live.status == ""
+
+
+@pytest.mark.parametrize("numerator, denominator, said", [
+    ("", "1 1", "numerator: '' is not a finite number"), ("1", "  ", "denominator: '' is not a finite number"),
+    ("a", "1", "numerator: 'a' is not a finite number"), ("1", "1 nan", "denominator: 'nan' is not a finite number"),
+    ("1", "1 1e999", "denominator: '1e999' is not a finite number"), ("s+1", "1 1", "numerator: 's+1' is not a finite number"),
+    ("0 0", "1 1", "numerator: '0 0' is not allowed; one of its coefficients must not be 0"),
+    ("1", "0", "denominator: '0' is not allowed; one of its coefficients must not be 0"),
+    ("1 0 0", "1 1", "improper from input 1 to output 1: degree 2 over 1"),
+    ("<b>", "1 1", "numerator: '<b>' is not a finite number"),
+])
+def test_a_bad_transfer_function_is_said_and_the_plot_stays(typed_in, numerator, denominator, said):
+    run = typed_in.live.run
+    assert said in identify(typed_in, numerator, denominator)
+    assert "smcaero-bad" in typed_in._message.value and "<b>" not in typed_in._message.value
+    assert typed_in.live.run is run and typed_in.live.mask.choice.options == ("",)
+
+
+# ---- an observer -------------------------------------------------------------------------------------------------
+def test_an_observers_estimate_has_a_panel_of_its_own():
+    loop = smc.applications.dc_motor("quasi_continuous").with_(
+        differentiator=smc.differentiators.differentiator(1, of="y").with_(L=4000.0),
+        allocation=smc.differentiators.observer(2).with_(G0=307.5, L=1e4))
+    run = smc.simulate(loop, 0.05, record=200)
+    curves = {c.key: c for c in panels(run)}
+    xi = curves["allocation.xi"]
+    np.testing.assert_array_equal(xi.y, run.z.allocation.xi.astype(np.float32))
+    assert [c.key for c in curves.values() if c.row == xi.row] == ["allocation.xi"] and "xi" not in curves
+    figure = plot(run)
+    drawn = next(t for t in figure.data if t.meta == "allocation.xi")
+    place = f"yaxis{drawn.yaxis[1:]}"
+    assert figure.layout[place].title.text.startswith("ξ\u0302")
+    assert [t.meta for t in figure.data if t.yaxis == drawn.yaxis] == ["allocation.xi"]

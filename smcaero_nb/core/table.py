@@ -4,6 +4,7 @@ import csv
 import math
 import pathlib
 import re
+from functools import cached_property
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from .param import ParameterError
 __all__ = ["Table"]
 
 DELIMITERS = {",": "comma", ";": "semicolon", "\t": "tab", None: "blank"}
+LONGEST = 131_072  # characters of a field in quotes
 SECONDS = {"": 1.0, "s": 1.0, "sec": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "ns": 1e-9, "min": 60.0,
            "h": 3600.0}
 
@@ -60,7 +62,7 @@ class Table:
             self.refuse("a line of names and lines of numbers are needed")
         (self.top, head), *rows = lines
         self.sep = next((s for s in sorted(";\t,", key=head.count, reverse=True) if s in head), None)
-        self.lines, self.rows = [i for i, _ in rows], [self._split(q) for _, q in rows]
+        self.lines, self._rows = zip(*rows, strict=True)
         columns = [re.match(r"([^\[(]*)(?:[\[(]([^\])]*))?", q).groups("") for q in self._split(head)]
         self.names, self.units = [n.strip() for n, _ in columns], [u.strip() for _, u in columns]
         if any(math.isfinite(self._number(n)) for n in self.names):
@@ -68,12 +70,20 @@ class Table:
         if len(self.names) < 2:
             self.refuse(f"only one column ('{self.names[0]}') was found; time and output are needed", self.top)
 
+    @cached_property
+    def rows(self):
+        """The fields of each line."""
+        return [self._split(q) for q in self._rows]
+
     def refuse(self, said, line=0):
         """Raise `ParameterError`, naming the file and the line."""
         raise ParameterError(f"{self.owner}: {self.file}" + f", line {line}"*(line > 0) + f": {said}") from None
 
     def _split(self, line):
-        return line.split() if self.sep is None else [f.strip() for f in next(csv.reader([line], delimiter=self.sep))]
+        if self.sep is None:
+            return line.split()
+        quoted = '"' in line and len(line) < LONGEST  # a field is no longer than its line
+        return [f.strip() for f in (next(csv.reader([line], delimiter=self.sep)) if quoted else line.split(self.sep))]
 
     def _number(self, field):
         try:
@@ -92,7 +102,7 @@ class Table:
         if name not in self.names:
             self.refuse(f"{what} = {name!r} is not there; the columns are {', '.join(self.names)}", self.top)
         if self.names.count(name) > 1:
-            self.refuse(f"{what} = {name!r} is there {self.names.count(name)} times; give each column its own name", self.top)
+            self.refuse(f"{what} = {name!r} stands over {self.names.count(name)} columns; give each a name of its own", self.top)
         j = self.names.index(name)
         values = np.empty(len(self.rows))
         for k, (line, fields) in enumerate(zip(self.lines, self.rows, strict=True)):
@@ -101,7 +111,7 @@ class Table:
                             f"{DELIMITERS[self.sep]}", line)
             values[k] = self._number(fields[j])
             if not math.isfinite(values[k]):
-                self.refuse(f"column {j + 1} ('{name}'): {fields[j]!r} is not a finite number", line)
+                self.refuse(f"column {j + 1} ('{name}'): {fields[j][:60]!r} is not a finite number", line)
         return values, self.units[j]
 
     def times(self, name):

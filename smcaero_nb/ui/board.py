@@ -76,7 +76,9 @@ class Live(W.Box):
     @property
     def figure(self):
         """What is drawn, as a figure of plotly."""
-        return go.Figure(*(draw({"": list(self.curves.values())}) if self.curves else figure(self.run)))
+        if self.curves or self.run is None:
+            return go.Figure(*draw({"": list(self.curves.values())}))
+        return go.Figure(*figure(self.run))
 
     def set(self, **values):
         """Set values as the mask does, and wait until the curves show them.
@@ -120,7 +122,7 @@ class Live(W.Box):
                 text, refused = self._called(choice, loop)
         except Dropped as why:
             text = f"Cancelled; {KEPT}." if why.args == ("cancelled",) else ""
-        except Exception as why:  # a block may raise anything: a person reads it, and the page goes on
+        except (Exception, SystemExit) as why:  # a block may raise anything: a person reads it, and the page goes on
             text = f"{why if isinstance(why, (ParameterError, BlockError)) else f'{type(why).__name__}: {why}'}; {KEPT}."
         self._say(text, refused)
 
@@ -130,6 +132,7 @@ class Live(W.Box):
         if good or first:
             self._drawn, self.run, self._metrics.value = choice, run, metrics_html(run)
             self._show(panels(run, *self._shown))
+            self._download.show("")
         if not good:
             return f"{why_diverged(run)}; {'the curves end there' if first else KEPT}.", True
         return "".join(f"{q}: the theorem does not cover this. " for q in run.doubts()).strip(), False
@@ -154,7 +157,7 @@ class Live(W.Box):
         self.curves = {c.key: c for c in curves}
 
     def _say(self, text, refused=False):
-        if text != self.status:
+        if text or self.status:  # the mask takes a message away with every change, so the same one is said anew
             self.status = text
             self.mask.say(text, refused)
 

@@ -51,7 +51,7 @@ def figure(result, states=(), phase=False):
     if isinstance(result, Run):
         result = {"": result}
     match result:
-        case dict():
+        case dict() if all(isinstance(run, Run) for run in result.values()):
             return draw({name: panels(run, states, phase) for name, run in result.items()})
         case Accuracy():
             names = [f"|{n.replace('sigma', 'σ')}|" for n in result.names]
@@ -100,7 +100,7 @@ def _reach(y, *others):
     """Range of an axis that shows y, and room around it; what the others do at the start may leave it."""
     low, high = (f([f(q) for q in (y, *(q[len(q)//4:] for q in others))]) for f in (np.min, np.max))
     room = 0.08*(high - low) or 0.1*abs(high) or 1.0
-    return float(low - room), float(high + room)
+    return (float(low - room), float(high + room)) if math.isfinite(high - low) else None
 
 
 def _order(i, name="f"):

@@ -76,8 +76,8 @@ def _step(span):
 
 
 def _written(value):
-    """A number as the entry shows it."""
-    return re.sub(r"e([+-])0*", lambda m: "e" + m[1].strip("+"), f"{value:.6g}")
+    """A number as the entry shows it; of a list, the choice."""
+    return value if isinstance(value, str) else re.sub(r"e([+-])0*", lambda m: "e" + m[1].strip("+"), f"{value:.6g}")
 
 
 class _Row:
@@ -274,11 +274,22 @@ class Mask(W.VBox):
         return {n: self._brought(self.choice.value, n) for n in self.offered}
 
     def _brought(self, old, new):
-        """One of the loops, with what was changed in the vehicle and world of another; of blocks, with all but their own."""
+        """One of the loops, with what was changed in the vehicle and world of another.
+
+        A block, with all that was, except where it is meant to differ. What is not allowed there stays behind.
+        """
         was, now, there = _settable(self._given[old]), _settable(self.offered[old]), _settable(self.offered[new])
         carried = {n: v for n, (_, v, _) in now.items() if n in there and v != was[n][1]
                    and (n.split("__")[0] in WORLD or isinstance(self.offered[old], Block) and there[n][1] == was[n][1])}
-        return self.offered[new].with_(**carried)
+        made = self.offered[new]
+        for some in (carried, *({n: v} for n, v in carried.items())):  # all at once, as they belong together, or what goes
+            try:
+                made = made.with_(**some)
+            except ParameterError:
+                continue
+            if some is carried:
+                break
+        return made
 
     def _put(self, target):
         """Show a target and tell the observers."""

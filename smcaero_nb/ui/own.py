@@ -1,5 +1,6 @@
 """What a person brings and takes away: files of numbers, transfer functions, results."""
 
+import html
 import inspect
 import io
 import math
@@ -63,7 +64,7 @@ class Own(W.VBox):
     @property
     def status(self):
         """What the message says."""
-        return re.sub("<.*?>", "", self._message.value)
+        return html.unescape(re.sub("<.*?>", "", self._message.value))
 
     def _offer(self, make):
         """Offer what `make` returns, (name, block, what to say), or say why not."""
@@ -103,11 +104,13 @@ class Upload(Own):
         finally:
             self._quiet = False
         self._quiet, columns = True, [n for n, w in self.entries.items() if isinstance(w, W.Dropdown)]
+        alike = {n: q for n in columns for q in names[::-1] if q.lower() == n}
         for i, n in enumerate(columns):
-            alike = next((q for q in names if q.lower() == n), None)
             likely = i < len(names) and (i < 2 or len(names) == len(columns))
+            free = [q for q in names[i:] + names[:i] if q not in alike.values()]
+            alike.setdefault(n, free[0] if likely and free else NOTHING)
             self.entries[n].options = [NOTHING, *dict.fromkeys(names)]
-            self.entries[n].value = alike or (names[i] if likely else NOTHING)
+            self.entries[n].value = alike[n]
         for w in self.entries.values():
             if isinstance(w, W.Text):
                 w.value = ""

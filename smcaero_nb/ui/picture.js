@@ -19,7 +19,9 @@ async function render({ model, el }) {
     asked = false;
     const { traces, layout } = model.get("drawing"), x = model.get("x"), y = model.get("y");
     if (!traces || x.length !== traces.length || y.length !== traces.length) return;
-    const data = traces.map((t, i) => ({ ...t, x: numbers(x[i]), y: numbers(y[i]) }));
+    const data = traces.map((t, i) => ({  // what is no number stays in the trace
+      ...t, ...(x[i].byteLength && { x: numbers(x[i]) }), ...(y[i].byteLength && { y: numbers(y[i]) }),
+    }));
     plotly.react(box, data, structuredClone(layout), { responsive: true, displaylogo: false });
   };
   const later = () => { if (!asked) { asked = true; queueMicrotask(draw); } };

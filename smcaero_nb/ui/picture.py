@@ -43,12 +43,28 @@ class Picture(anywidget.AnyWidget):
     def show(self, traces, layout):
         """Draw traces."""
         drawn = go.Figure(traces, layout).to_plotly_json()
-        bare = [{k: v for k, v in t.items() if k not in ("x", "y", "uid")} for t in drawn["data"]]
+        x, y = ([_numbers(t[k] if k in t else None) for t in traces] for k in "xy")
+        bare = [{k: v for k, v in t.items() if k != "uid" and not (k == "x" and len(a) or k == "y" and len(b))}
+                for t, a, b in zip(drawn["data"], x, y, strict=True)]
         with self.hold_sync():
             self.drawing = dict(traces=bare, layout=drawn["layout"])
-            self.move([t.x for t in traces], [t.y for t in traces])
+            self.move(x, y)
 
     def move(self, x, y):
         """Draw the same traces with other numbers."""
         with self.hold_sync():
             self.x, self.y = ([np.asarray(q, np.float32).tobytes() for q in values] for values in (x, y))
+
+
+def _numbers(values):
+    """What float32 tells apart; nothing for other values, such as texts or times since 1970: they stay in the drawing."""
+    try:
+        full = np.asarray(values, float)
+    except (TypeError, ValueError):
+        return ()
+    if full.ndim != 1 or not full.size:
+        return ()
+    drawn = np.asarray(values, np.float32)
+    with np.errstate(all="ignore"):
+        coarse = getattr(values, "dtype", None) != np.float32 and np.nanmax(np.abs(drawn - full)) > 1e-4*np.ptp(full)
+    return () if coarse else drawn

@@ -221,3 +221,24 @@ def test_mask_is_accessible(nb):
     nb.page.wait_for_function("() => document.querySelector('.smcaero-set-law__eps [role=slider]').ariaValueText === '0.251'")
     found = Axe().run(nb.page, context=".smcaero-mask", options={"runOnly": ["wcag2a", "wcag2aa"]}).response["violations"]
     assert {v["id"]: [n["html"][:200] for n in v["nodes"]] for v in found} == {}
+
+
+FIGURES = """import numpy as np, plotly.graph_objects as go, smcaero_nb as smc
+made = [go.Scatter(y=[1.0, 2.0]), go.Pie(values=[1, 2]), go.Bar(x=["a", "b"], y=[3, 4]),
+        go.Scatter(x=1.7e9 + np.arange(3.0), y=[0.0, 1.0, 2.0])]
+def figures(k: int = 0):
+    return go.Figure(made[k])
+own = smc.ui.live(smc.block(figures))
+own"""
+
+
+def test_any_figure_of_plotly_is_drawn(notebook):
+    nb = notebook(FIGURES)
+    assert nb.run() == []
+    for k, wanted in enumerate(("[undefined, [1, 2]]", "[undefined, undefined]", "[['a', 'b'], [3, 4]]",
+                                "[[1.7e9, 1.7e9 + 1, 1.7e9 + 2], [0, 1, 2]]")):
+        nb.ask(f"own.set(k={k})")
+        nb.page.wait_for_function("""wanted => {
+            const t = document.querySelector('.js-plotly-plot')?._fullData?.[0];
+            const plain = q => q && Array.from(q._inputArray ?? q);
+            return t && JSON.stringify([t._input.x, t._input.y].map(plain)) === JSON.stringify(eval(wanted)) }""", arg=wanted)
