@@ -75,8 +75,8 @@ long run(const double *P, double dt, long n, long m, long every, long k_tail, do
         x0 += dt*x1; x1 += dt*x2; x2 += dt*rate;
     }
 #ifndef BARE
-    acc[0] = se0; acc[1] = se1; acc[2] = se2; acc[3] = su; acc[4] = me0; acc[5] = me1; acc[6] = me2; acc[7] = ms0; acc[8] = mu;
-    acc[9] = tv; acc[10] = turns; acc[11] = ms1; acc[12] = ms2; acc[13] = sv;
+    acc[0] = se0; acc[1] = se1; acc[2] = se2; acc[3] = su; acc[4] = me0; acc[5] = me1; acc[6] = me2; acc[7] = ms0; acc[8] = ms1;
+    acc[9] = ms2; acc[10] = mu; acc[11] = tv; acc[12] = turns; acc[13] = sv;
 #endif
     return k;
 }
