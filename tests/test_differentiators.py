@@ -173,8 +173,9 @@ def test_the_filter_takes_away_large_fast_noise():
 
 def test_float64_ends_the_accuracy():
     assert 1e-3 < errors("implicit", 5, 0, 2e-3)[-1] < 5e-2
-    with pytest.warns(UserWarning, match="float64"):
-        assert errors("levant", 12, 0, 1e-3)[-1] > 0.5
+    with pytest.warns(UserWarning, match="float64"):  # 40 digits give 4.3e-8 for the derivative 5 and 0.0062 for 8
+        fine = errors("levant", 12, 0, 1e-3)
+    assert fine[5] > 1e-6 and fine[8] > 0.05
     with pytest.warns(UserWarning, match="n_d \\+ n_f = 8 is more than float64 serves"):
         assert "float64" in differentiator(5, 3).params["L"].help
     differentiator(5, 2)
@@ -334,7 +335,7 @@ def test_uneven_steps():
         assert slopes([0.02, 0.01, 0.005], found) == pytest.approx([4.0, 3.0, 2.0, 1.0], abs=0.3)
     t = np.sort(rng.uniform(0.0, 40.0, 40_000))
     z = differentiate(t, signal(t, 0), 1.0, 2)
-    assert [np.abs(z[i] - signal(t, i))[t > 24.0].max() for i in range(3)] < [1e-5, 1e-3, 5e-2]
+    assert (np.array([np.abs(z[i] - signal(t, i))[t > 24.0].max() for i in range(3)]) < [1e-5, 1e-3, 5e-2]).all()
 
 
 def test_gaps_are_named_and_start_anew():
@@ -415,7 +416,29 @@ def test_automatic_bound_is_nearly_as_good_as_the_true_one():
     for i in range(3):
         one, two = (np.sqrt(np.mean((z[i] - signal(t, i))[t > 10.0]**2)) for z in (true, auto))
         assert two < 2.0*one
-    assert np.array_equal(auto, differentiate(t, f, lipschitz(t, f, 2), 2))
+    assert np.abs(auto - differentiate(t, f, lipschitz(t, f, 2), 2))[0, t > 10.0].max() < 5e-3  # but for the start, the same
+
+
+@pytest.mark.parametrize("n_d", [1, 2, 3])
+def test_automatic_bound_of_a_steady_motion(n_d):
+    """Its L is next to nothing, so that the estimates have to start where the record does."""
+    t, rng, count = np.arange(0.0, 20.0, 1e-3), np.random.default_rng(0), 2.0*np.pi/2048
+    for noise, tolerance in ((0.0, 1e-6), (1e-2, 2e-2)):
+        z = differentiate(t, 5.0 + 2.0*t + noise*rng.standard_normal(len(t)), "auto", n_d)
+        assert abs(z[1, -1] - 2.0) < tolerance
+    encoder = differentiate(t, count*np.round(50.0*t/count), "auto", n_d)
+    assert abs(encoder[1, -1] - 50.0) < 0.01 and abs(encoder[0, -1] - 50.0*t[-1]) < 0.2
+    if n_d > 1:
+        z = differentiate(t, t*t, "auto", n_d)
+        assert abs(z[1, -1] - 2.0*t[-1]) < 1e-2 and abs(z[2, -1] - 2.0) < 1e-3
+
+
+def test_dates_and_masked_samples_are_refused():
+    t = np.arange(100.0)
+    dates = np.datetime64("2026-01-01") + np.arange(100).astype("timedelta64[s]")
+    for given in ((dates, t), (t, np.ma.masked_array(t, t == 3.0))):
+        with pytest.raises(ParameterError, match="is masked, or dates"):
+            differentiate(*given, 1.0, 1)
 
 
 def test_memory():
@@ -527,7 +550,7 @@ def test_perturbation_from_the_highest_derivative():
 
 
 def test_observer_of_the_motor():
-    """Load torque and back-EMF from the angle alone; the voltage that the amplifier cuts off counts at first."""
+    """Load torque and back-EMF from the angle alone."""
     loop = dc_motor("quasi_continuous").with_(differentiator=differentiator(1, of="y").with_(L=4000.0),
                                               allocation=observer(2).with_(G0=307.5, L=1e4))
     run = simulate(loop)

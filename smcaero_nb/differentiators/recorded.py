@@ -94,7 +94,8 @@ def differentiate(t, f, L, n_d, n_f=0, method="levant"):
     These are the blocks of `differentiator`, run over the arrays; see there for the equation, the accuracy and its limits.
     The first estimates are f(0), 0, ..., 0 and have to settle; with ``L="auto"`` those of the polynomial of degree n_d that fits
     the first samples best, because the L of a steady motion is too small to get there. Taylor's terms take each step as long as
-    it is. `implicit` takes steps that differ from their mean by less than a hundredth as even.
+    it is. `implicit` takes steps that differ from their mean by less than a hundredth as even; if they really
+    differ, that costs it its order: prefer `levant` unless the times are only rounded.
 
     References
     ----------

@@ -169,8 +169,8 @@ def differentiator(n_d, n_f=0, method="levant", of="e"):
 
     Euler's steps lose the order: z_1, z_2, ... have errors of the order tau, such as tau z_2/2 in z_1.
 
-    Float64 ends the accuracy: z_i improves with smaller tau down to about :math:`10^{-16(n+1-i)/(n+1)}` times the signal only.
-    Of order 5 the highest derivative stays near 1e-2, of order 12 it is worse than the signal.
+    Float64 ends the accuracy: with smaller tau z_i gets no better than :math:`10^{-16(n+1-i)/(n+1)}` times the signal.
+    Of order 5 the highest derivative stays near 1e-2, of order 12 it is worse than the signal at any tau.
 
     Errata: (41) prints 3 for lambda_2; the row of n = 2 ends with 2. As L bounds the derivative of order n_d + 1, what is
     Lipschitz is the n_d-th: the second in (41), not the third; the third in (43), not the fourth. The sliding mode that (42)

@@ -123,7 +123,8 @@ class Live(W.Box):
         except Dropped as why:
             text = f"Cancelled; {KEPT}." if why.args == ("cancelled",) else ""
         except (Exception, SystemExit) as why:  # a block may raise anything: a person reads it, and the page goes on
-            text = f"{why if isinstance(why, (ParameterError, BlockError)) else f'{type(why).__name__}: {why}'}; {KEPT}."
+            text = f"{why if isinstance(why, (ParameterError, BlockError)) else f'{type(why).__name__}: {why}'}"
+            text += f"; {KEPT}." if self.run else "."
         self._say(text, refused)
 
     def _simulated(self, choice, run):

@@ -256,7 +256,10 @@ class Mask(W.VBox):
     def offer(self, name, target):
         """Offer another loop or block, or another under a name, and choose it."""
         with self._lock:
-            old = self.choice.value
+            if "" in self.offered:  # one that needed no name
+                first = self.offered[""].name or "given"
+                self.offered, self._given, self._forms = ({first: q[""]} for q in (self.offered, self._given, self._forms))
+            old = self.choice.value or first
             self.offered[name] = self._given[name] = target
             self._forms.pop(name, None)
             with self._silent():
