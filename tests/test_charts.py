@@ -174,15 +174,16 @@ def test_vector_relative_degree(two_axes):
     assert found.prd == (3, 2)
     for figure in (plot(found), plot(two_axes)):
         sound(figure)
-        titles = [f"y<sub>{i}</sub>, u<sub>{j}</sub>" for i in (1, 2) for j in (1, 2)]
-        assert [q.text for q in figure.layout.annotations] == titles
+        assert [q.text for q in figure.layout.annotations] == ["y<sub>1</sub><sup>(3)</sup>", "y<sub>1</sub>'", "y<sub>2</sub>'",
+                                                               "y<sub>2</sub>''"]
         rows = list(figure.data)[:4]
-        assert [t.name for t in rows] == ["y<sup>(3)</sup>: PRD 3", "no response", "no response", "y'': PRD 2"]
+        assert [t.name for t in rows] == ["input 1 to output 1: PRD 3", "input 2 to output 1: no response",
+                                          "input 1 to output 2: no response", "input 2 to output 2: PRD 2"]
         assert [t.line.color for t in rows] == [ORANGE, BLUE, BLUE, ORANGE]
         np.testing.assert_array_equal(rows[3].y, found.results[1][1].analyser.derivatives[1])
     for i in (0, 1):
         drawn = dots(plot(two_axes), f"output {i + 1}: ")
-        assert {w: r for w, (r, _) in drawn.items()} == {w: q[i] or 0 for w, q in zip(
+        assert {w: r for w, (r, _) in drawn.items()} == {w: (q[i] or 0) + 0.2*i for w, q in zip(  # beside the first
             two_axes.sweep.windows, two_axes.sweep.prd, strict=True)}
 
 

@@ -192,13 +192,13 @@ def test_the_same_numbers_in_many_forms(text):
     ("t,f\n0,1\n1,2,3\n", "line 3: 3 columns, but the names are 2; the delimiter is comma"),
     ("t,f\n0,1\n0,2\n", r"line 3: column 1 \('t'\): 0 after 0; times must increase"),
     ("t,f\n1,1\n0,2\n", r"line 3: column 1 \('t'\): 0 after 1; times must increase"),
-    ("t [d],f\n0,1\n1,2\n", r"the unit of time \[d\] is not known; it must be one of s, sec, ms"),
+    ("t [d],f\n0,1\n1,2\n", r"the unit of time \[d\] is not known; it must be one of s, sec, seconds, ms"),
     ("t,f,f\n0,1,2\n1,2,3\n", r"f = 'f' stands over 2 columns; give each a name of its own"),
     ("[s],(V)\n0,1\n1,2\n", "stands over 2 columns"),  # names without a word: the signal is not the time
     ('t,f\n"0,1\n1,2\n', "line 2: 1 columns, but the names are 2"),
     ("t,f\n0,\"" + "9"*200_000 + "\"\n1,2\n", "is not a finite number"),  # longer than a field of module csv may be
-    (b"t,f\n0,\xb0\n", "cannot be read"),
-    (b"\xff\xfet\x00,\x00f\x00\n\x00", "cannot be read"),
+    (b"t,f\n0,\xb0\n", "line 2: column 2"),
+    (b"\xff\xfet\x00,\x00f\x00\n", "cannot be read"),
 ])
 def test_bad_files_are_refused_by_line_and_column(text, said):
     with pytest.raises(ParameterError, match=said) as why:

@@ -1,7 +1,6 @@
 """Masks and live plots, without a browser: the page's part is in tests/browser."""
 
 import _thread
-import datetime
 import math
 import subprocess
 import sys
@@ -724,10 +723,9 @@ def own():
 
 def test_a_file_of_ones_own(own):
     assert list(own.entries) == ["t", "f"] and own._head.children == (own.button,)
-    own.button.value = ({"name": "mine.csv", "content": memoryview(csv()), "type": "text/csv", "size": 1,
-                         "last_modified": datetime.datetime.now()},)
+    for first, piece in ((True, csv()[:500]), (False, csv()[500:])):  # as the page sends it
+        own.button._handle_custom_msg({"name": "mine.csv", "first": first, "last": not first}, [memoryview(piece)])
     own.live.wait()
-    assert own.button.value == ()
     assert own.status.startswith("mine.csv: 200 rows, 2 columns, delimiter comma; t = 't' [s], f = 'f'")
     assert own.live.mask.choice.value == "mine.csv" and own.live.status == "" and "smcaero-good" in own._message.value
     np.testing.assert_allclose(own.live.run.f, np.sin(0.01*np.arange(200)), atol=1e-6)
@@ -767,7 +765,7 @@ def test_columns_are_guessed_by_name_then_by_place_and_none_twice(own, head, cho
     (b"t,f\n1,1\n1,2\n", "line 3: column 1 ('t'): 1 after 1; times must increase"),
     (b"t,f\n0,1\n1\n", "line 3: 1 columns, but the names are 2"),
     (b"t,f,f\n0,1,1\n1,2,2\n", "f = 'f' stands over 2 columns"),
-    (b"\x89PNG\r\n\x1a\n\x00", "cannot be read"),
+    (b"\x89PNG\r\n\x1a\n\x00", "only one column"),
     (b't,f\n0,"' + b"x"*200_000 + b'"\n', "is not a finite number"),
 ])
 def test_a_bad_file_is_said_and_the_plot_stays(own, content, said):

@@ -156,7 +156,8 @@ def trial(signal=None):
     [2, 1]
     """
     def estimated(t, f, L, found, how):
-        return differentiate(t, f, "auto" if found else L, **how), lipschitz(t, f, how["n_d"]) if found else L
+        used = lipschitz(t, f, how["n_d"]) if found else L
+        return differentiate(t, f, "auto" if found else L, **how), used
 
     if signal is not None:
         t, f = (np.array(q, float) for q in signal[:2])
