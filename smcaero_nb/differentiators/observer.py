@@ -1,13 +1,10 @@
 r"""Higher-order sliding mode observer: state and perturbation from the sliding variable and the control."""
 
 import functools
-import math
 from typing import Annotated
 
 from ..core import Param, block
-from ..core.signal import first
-from .methods import explicit
-from .sampled import equation, memory
+from .sampled import differentiator, equation, memory
 
 __all__ = ["observer"]
 
@@ -96,19 +93,20 @@ def observer(r):
 
 @functools.cache
 def _made(r):
-    """The block, written out for the relative degree."""
-    x = [f"z_{i}" for i in range(r)] + ["xi"]
-    lines, _ = explicit(r, 0, x)
-    names = dict(math=math, first=first, __name__=__name__, V=Param("u"),
-                 B=Annotated[float, Param("L", "[v]/s", low=1e-9, log=True, slider=(1e-2, 1e4), help="bound of the speed of xi")],
-                 G=Annotated[float, Param("G_0", "[v]/[u]", help="nominal gain, not 0", slider=(-10.0, 10.0))])
-    exec("\n    ".join([
-        f"def observer_{r}(sigma, v, z, tau, L: B = 1.0, G0: G = 1.0) -> V:", f"{', '.join(x)}, started = z", "f = first(sigma)",
-        "if started == 0.0:", "    z_0 = f", "xi -= v",  # now it is the derivative of z_(r-1)
-        *lines, f"return v/G0, ({', '.join(f'n_{i}' for i in range(r))}, n_{r} + v, 1.0)"]), names)
-    f = names[f"observer_{r}"]
-    f.__doc__ = DOC.format(r=r, equation=equation([*x[:-1], r"{\hat\xi}"], {r - 1: " - v"}))
+    """The differentiator of order r that knows v: its highest derivative is xi - v."""
+    step = differentiator(r).f
+
+    def observer(sigma, v, z, tau, L: Annotated[float, Param("L", "[v]/s", low=1e-9, log=True, slider=(1e-2, 1e4),
+                                                            help="bound of the speed of xi")] = 1.0,
+                 G0: Annotated[float, Param("G_0", "[v]/[u]", help="nominal gain, not 0", slider=(-10.0, 10.0))] = 1.0
+                 ) -> Param("u"):
+        _, n = step(sigma, (*z[:-2], z[-2] - v, z[-1]), tau, L)
+        return v/G0, (*n[:-2], n[-2] + v, 1.0)
+
+    observer.__name__ = f"observer_{r}"
+    x = [f"z_{i}" for i in range(r)]
+    observer.__doc__ = DOC.format(r=r, equation=equation([*x, r"{\hat\xi}"], {r - 1: " - v"}))
     z = memory(r - 1, "[sigma]")
     started = z.pop("started")
     xi = 0.0, Param(r"\hat\xi(0)", "[v]", help="perturbation to start with", slider=(-10.0, 10.0))
-    return block(state={**z, "xi": xi, "started": started}, check=no_gain)(f)
+    return block(state={**z, "xi": xi, "started": started}, check=no_gain)(observer)

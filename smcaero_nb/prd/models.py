@@ -67,34 +67,28 @@ def _linear(source, h, amplitude):
 
 
 def _nonlinear(source, h, amplitude, x0):
-    """Runge and Kutta's fourth order, from `x0`."""
+    """The system as a block, from `x0`; it is no code that a compiler knows."""
     if not source.nstates or not source.isctime():
         raise ParameterError(f"prd.identify: source '{source.name}' has no states or is discrete-time; it must be continuous")
     x0 = np.zeros(source.nstates) if x0 is None else np.asarray(x0, float)
     if x0.shape != (source.nstates,):
         raise ParameterError(f"prd.identify: x0 has the shape {x0.shape}; source '{source.name}' has {source.nstates} states")
 
-    free = np.zeros(source.ninputs)
-    m = _finer(source.name, lambda x: source.dynamics(0.0, x, free), x0, h, PLAIN)
-    dt = h/m
+    def motion(t, x, u, d):
+        if np.size(u) != source.ninputs:
+            raise ValueError(f"{source.ninputs} inputs")
+        return tuple(map(float, source.dynamics(t, np.array(x), np.atleast_1d(u))))
 
-    def moved(u):
-        x, ys = x0, []
-        for k in range((REST + MOTION)*m):
-            t, w = k*dt, u*(k >= REST*m)
-            if k % m == 0:
-                ys.append(np.atleast_1d(source.output(t, x, w)))
-            a = source.dynamics(t, x, w)
-            b = source.dynamics(t + dt/2, x + dt/2*a, w)
-            c = source.dynamics(t + dt/2, x + dt/2*b, w)
-            x = x + dt/6*(a + 2*b + 2*c + source.dynamics(t + dt, x + dt*c, w))
-        return np.array(ys).T
+    def output(t, x, u):
+        y = tuple(map(float, np.atleast_1d(source.output(t, np.array(x), np.atleast_1d(u)))))
+        return y if len(y) > 1 else y[0]
 
-    free = moved(free)
-    return [moved(amplitude*e) - free for e in np.eye(source.ninputs)]
+    motion.__name__ = source.name
+    plant = block(state={f"x{i}": v for i, v in enumerate(x0.tolist())})(motion)
+    return _block(plant, block(output), None, h, amplitude, PLAIN)[1]
 
 
-def _block(source, output, surface, h, amplitude):
+def _block(source, output, surface, h, amplitude, most=COMPILED):
     """The block in its loop, the law replaced by the step; Runge and Kutta's fourth order, compiled where steps are many."""
     if isinstance(source, ClosedLoop):
         stages, plant = source.stages, source.stages["plant"]
@@ -104,7 +98,7 @@ def _block(source, output, surface, h, amplitude):
     u, d = inputs(plant)
     m = len(u) if isinstance(u, tuple) else 1
     finer = _finer(plant.name, lambda x: plant(*({"t": 0.0, "x": tuple(x), "u": u, "d": d}[n] for n in plant.signals)),
-                   plant.z0, h, COMPILED)
+                   plant.z0, h, most)
     heights = [f"u_{j}" for j in range(m)]
     names = {}
     exec(f"def step(t, start=0.0, {', '.join(f'{q}=0.0' for q in heights)}):\n    on = 1.0 if t >= start else 0.0\n"
@@ -113,12 +107,13 @@ def _block(source, output, surface, h, amplitude):
                       perturbation=block(lambda t: d))
 
     def moved(**height):
-        run = simulate(loop.with_(**height), (REST + MOTION)*h, h/finer, h, method="rk4", record=REST + MOTION, jit=finer > 4)
+        run = simulate(loop.with_(**height), (REST + MOTION)*h, h/finer, h, method="rk4", record=REST + MOTION,
+                       jit=finer > 4 and most > PLAIN)
         if run.diverged_at is not None:
             raise ParameterError(f"prd.identify: {plant.name} diverges {run.diverged_at - REST*h:.3g} s after the step; take a "
                                  "shorter window or a smaller amplitude")
         s = run.sigma if surface else run.y
-        return np.array(heads(s, m > 1 and isinstance(s, tuple)))[:, :REST + MOTION]
+        return np.array(heads(s, (m > 1 or most == PLAIN) and isinstance(s, tuple)))[:, :REST + MOTION]
 
     free = moved()
     return plant.name, [moved(**{f"law__u_{j}": amplitude}) - free for j in range(m)]
