@@ -451,9 +451,16 @@ def test_newest_setting_wins(slow):
 
 
 def test_interrupt_cancels(slow):
-    threading.Timer(0.5, _thread.interrupt_main).start()
+    interrupted = threading.Event()
+
+    def press():
+        while not interrupted.wait(1.0):  # Python drops an interrupt that comes while it clears up objects
+            _thread.interrupt_main()
+
+    threading.Thread(target=press, daemon=True).start()
     with pytest.raises(KeyboardInterrupt):
         slow.set(law__rho=3.0)
+    interrupted.set()
     slow.wait()
     assert "Cancelled" in slow.status
 

@@ -27,10 +27,14 @@ class Job(W.HBox):
         self._do, self.worker = do, Newest(self._work, self._hide)
 
     def ask(self, asked, patience):
-        """Do it; return whether it was done within `patience` [s]. If not, it goes on by itself, and the bar shows."""
+        """Do it; return whether it was done within `patience` [s]. If not, it goes on by itself, and the bar shows; Ctrl-C cancels."""
         self.worker.ask(asked)
-        if self.worker.idle.wait(patience):
-            return True
+        try:
+            if self.worker.idle.wait(patience):
+                return True
+        except KeyboardInterrupt:
+            self.cancel()
+            raise
         with self.worker.lock:
             if not self.worker.idle.is_set():
                 self.layout.visibility = "visible"
