@@ -280,4 +280,5 @@ def _vector(found):
         label = f"{_order(k, 'y')}: PRD {q.prd}" if q.prd else "no response" if q.noise_floor != q.noise_floor else "unresolved"
         traces.append(_line(q.t, z, label, COLOURS[1] if q.prd else COLOURS[0], at, True))
         ranges.append(_reach(z))
-    return traces, *_stack([n for n, _ in rows], ranges, "t [s]")
+    axes, height = _stack([n for n, _ in rows], ranges, "t [s]")
+    return traces, axes | dict(margin=dict(LAYOUT["margin"], l=100)), height

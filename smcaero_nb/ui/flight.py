@@ -57,7 +57,7 @@ def _look(axes, colour, width=1.5, filled=False, **more):
                 fillcolor=colour if filled else None, line=dict(color=colour, width=width, **more))
 
 
-VIEW, WAY = ("x", "y"), ("x2", "y2")
+WAY, VIEW = ("x", "y"), ("x2", "y2")
 LOOKS = [_look(VIEW, SOIL, 0, True), _look(VIEW, FIRE, 0, True), _look(VIEW, METAL, 2), _look(VIEW, METAL, 1, True),
          _look(WAY, "#444", dash="dot") | dict(name="reference", showlegend=True), _look(WAY, COLOURS[0]), _look(WAY, NOW, 2),
          *(q for i in (3, 4) for q in (_look(("x3", f"y{i}"), COLOURS[0], shape="hv"), _look(("x3", f"y{i}"), NOW, 1)))]
@@ -65,14 +65,15 @@ LOOKS = [_look(VIEW, SOIL, 0, True), _look(VIEW, FIRE, 0, True), _look(VIEW, MET
 
 def drawing(run, t):
     """Traces and layout of a `scene`."""
-    side, right = dict(range=(-SIGHT, SIGHT), constrain="domain", visible=False, fixedrange=True), dict(X_AXIS, domain=(0.5, 1.0))
-    axes = dict(xaxis=dict(side, domain=(0.0, 0.4)), yaxis=dict(side, scaleanchor="x"), legend=dict(x=1.0, y=1.0, **LEGEND),
-                xaxis2=dict(right, anchor="y2", title=dict(text="t [s]", standoff=2)),
+    side = dict(range=(-SIGHT, SIGHT), constrain="domain", visible=False, fixedrange=True)
+    right = dict(X_AXIS, domain=(0.55, 1.0))
+    axes = dict(xaxis2=dict(side, domain=(0.0, 0.4), anchor="y2"), yaxis2=dict(side, scaleanchor="x2", anchor="x2"),
+                xaxis=dict(right, anchor="y", title=dict(text="t [s]", standoff=2)), legend=dict(x=1.0, y=1.0, **LEGEND),
                 xaxis3=dict(right, anchor="y4", range=(-SPAN, SPAN), title=dict(text="time from now [s]", standoff=2)))
-    for i, name, low, high in ((2, "x", 0.62, 1.0), (3, "u<sub>a</sub>", 0.24, 0.45), (4, "u<sub>d</sub>", 0.0, 0.21)):
-        axes[f"yaxis{i}"] = dict(Y_AXIS, domain=(low, high), anchor=f"x{min(i, 3)}", nticks=4,
-                                 title_text=f"{name} [{'m' if i == 2 else 'N'}]")
-    sky = dict(type="rect", xref="x domain", yref="y domain", x0=0, x1=1, y0=0, y1=1, fillcolor=SKY, line_width=0, layer="below")
+    for i, name, *span in (("", "x [m]", 0.62, 1.0), (3, "u<sub>a</sub> [N]", 0.24, 0.45), (4, "u<sub>d</sub> [N]", 0.0, 0.21)):
+        axes[f"yaxis{i}"] = dict(Y_AXIS, domain=span, anchor="x3" if i else "x", nticks=4, title_text=name)
+    sky = dict(type="rect", xref="x2 domain", yref="y2 domain", x0=0, x1=1, y0=0, y1=1, fillcolor=SKY, line_width=0,
+               layer="below")
     layout = LAYOUT | dict(margin=dict(LAYOUT["margin"], l=10), height=400 + TOP + BOTTOM, hovermode="closest", shapes=[sky])
     return [go.Scatter(x=x, y=y, **q) for (x, y), q in zip(scene(run, t), LOOKS, strict=True)], layout | axes
 
@@ -105,7 +106,7 @@ class Flight(W.VBox):
         for w, name in ((self, "study"), (self, "flight"), (head, "choices"), (below, "plot"), (self._text, "moment"),
                         (self.slider, "set-flight"), (self._speed, "set-speed")):
             w.add_class(f"smcaero-{name}")
-        self._play.observe(lambda change: setattr(self.slider, "value", change.new*STEP), "value")
+        self._play.observe(self._played, "value")
         self.slider.observe(self._moved, "value")
         if isinstance(source, Live):
             source.observe(lambda change: self._take(change.new), "run")
@@ -130,6 +131,10 @@ class Flight(W.VBox):
         """Show another moment [s]."""
         self.slider.value = t
 
+    def _played(self, change):
+        if round(self.slider.value/STEP) != change.new:  # an answer would pull a dragged handle back
+            self.slider.value = change.new*STEP
+
     def _moved(self, change):
         self._play.value = round(change.new/STEP)
         self._draw()
@@ -141,8 +146,8 @@ class Flight(W.VBox):
                 first, self.run = self.run is None, run
                 if first:
                     self._picture.show(*drawing(run, self.t))
-                self.slider.max = float(run.t[-1])
-                self._play.max = round(run.t[-1]/STEP)
+                self._play.max = max(math.ceil(run.t[-1]/STEP - 1e-9), 1)
+                self.slider.max = self._play.max*STEP
             self._draw()
 
     def _draw(self):

@@ -23,7 +23,7 @@ NAMED = {"sigma": r"\sigma", "dy": r"\dot y", "xi": r"\xi", "phase": r"\dot\sigm
 LAW = "states of the law"
 PHASE = "phase portrait"  # the row whose abscissa is sigma, not time
 ROW, TALL, GAP, TOP, BOTTOM = 112, 260, 28, 30, 44  # px; the phase portrait is a tall row
-APART = 0.13  # of the width, between columns
+APART = 0.16  # of the width, between columns
 LAYOUT = dict(autosize=True, margin=dict(l=72, r=14, t=TOP, b=BOTTOM), template="plotly_white", font=dict(size=12, color="#222"),
               hovermode="x", hoversubplots="axis", uirevision="kept")
 X_AXIS = dict(visible=True, showspikes=True, spikethickness=1, spikecolor="#999")
@@ -207,7 +207,7 @@ def draw(runs):
         traces += _traces(here, dict(xaxis=f"x{x}", yaxis=f"y{y}", legend=f"legend{y}"), len(runs) > 1, not traces)
         units = {c.label: c.unit for *_, c in here if not c.reference}
         title = ", ".join(units) + (next(iter(units.values())) if len(set(units.values())) == 1 else "")
-        room = [5.0*float(np.nanmax(c.y)) for *_, c in here if c.key.startswith("band")]  # sigma as seen from its dead band
+        room = [round(5.0*float(np.nanmax(c.y)), 6) for *_, c in here if c.key.startswith("band")]  # sigma beside its band
         left, top = column*(wide + APART), 1 - tops[n]/height
         axes |= {f"yaxis{y}": dict(domain=(max(top - heights[n]/height, 0.0), top), anchor=f"x{x}", title_text=title,
                                    range=(-max(room), max(room)) if any(room) else None, **Y_AXIS),
@@ -287,7 +287,8 @@ def metrics_html(run):
 
 def comparison_html(runs):
     """Figures of merit of several runs, as a table in HTML."""
-    head = ("reaching time", "tail |σ|", "mean |v|", "variation of u", "reversals of u")
+    judged = any(run.loop.verdict for run in runs.values())
+    head = ("reaching time", "tail |σ|", "mean |v|", "variation of u", "reversals of u", *["verdict"]*judged)
     rows = ""
     for name, run in runs.items():
         m, sigma, u = run.metrics(), flat(run.loop.metadata("sigma") or Param())[0], flat(run.loop.metadata("u") or Param())[0]
@@ -295,7 +296,7 @@ def comparison_html(runs):
         factor, unit = shown(u or Param())
         values = (measure(m.reaching_time, 1.0, "s"), measure(m.tail_sigma, 1.0, (sigma or Param()).unit),
                   measure(tuple(flat(run.mean_v if run.mean_v is not None else math.nan)), 1.0, v.unit),
-                  measure(m.variation_u, factor, f"{unit}/s"), measure(m.turns_u, 1.0, "1/s"))
+                  measure(m.variation_u, factor, f"{unit}/s"), measure(m.turns_u, 1.0, "1/s"), *[verdict_html(run)]*judged)
         rows += f'<tr><th scope="row">{html.escape(name)}</th>' + "".join(f"<td>{q}</td>" for q in values) + "</tr>"
     cells = "".join(f'<th scope="col">{q}</th>' for q in ("law", *head))
     return f'<table class="smcaero-table"><thead><tr>{cells}</tr></thead><tbody>{rows}</tbody></table>'
