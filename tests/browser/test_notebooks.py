@@ -138,3 +138,5 @@ def film_is_scrubbed_and_played(nb):
     play.click()
 
 
+def test_there_are_notebooks():
+    assert [n[10:12] for n in NOTEBOOKS] == ["00", "01", "02", "03", "04", "05", "06", "07", "08"]
