@@ -22,8 +22,9 @@ NOZZLES = ((1.6, 0.2), (2.8, 0.2), GAP, (2.8, -0.1), (2.8, 0.5), GAP, (-0.6, -0.
 FEET, SIGHT = 2.4, 6.5  # m: below the centre of mass, and what is seen about it
 ATTITUDE, DESCENT = (0.7, 15.0), (2.0, 1400.0)  # of a flame: half its length [m], at this thrust [N]
 SPAN = 10.0  # s of pulses shown before and after the moment
-SPEEDS = {"real time": 2, "5 times": 10, "20 times": 40}  # steps of the slider a frame
-STEP, FRAME_TIME = 0.05, 100  # s a step of the slider, ms a frame
+STEP, FRAME = 0.05, 100  # s a step of the slider, ms between two pictures of the film at least
+SPEEDS = {"0.1 s a picture": 2, "0.5 s a picture": 10, "2 s a picture": 40}  # steps of the slider
+POINTS = 300  # of the curves over the whole flight
 SKY, SOIL, METAL, FIRE, NOW = "#10141c", "#8a8a86", "#dddddd", "#E69F00", "#D55E00"
 
 
@@ -46,9 +47,10 @@ def scene(run, t):
     fire = (*flame(-0.6, -1.3, p.get("left", 6)/6*u_d, DESCENT), *flame(0.6, -1.3, p.get("right", 6)/6*u_d, DESCENT),
             *flame(2.8, -0.1 if u_a > 0.0 else 0.5, u_a, ATTITUDE))
     lander = [(s*a + c*b, s*b - c*a) for a, b in (np.array(q).T for q in (fire, (*LEGS, GAP, *NOZZLES), BODY))]
-    ground, x, near = max(-FEET - height, -2*SIGHT), run.x.altitude, abs(run.t - t) < 2*SPAN
+    ground, near, some = max(-FEET - height, -2*SIGHT), abs(run.t - t) < 2*SPAN, np.s_[::max(len(run.t)//POINTS, 1)]
+    x = run.x.altitude[some]
     return [((-20.0, 20.0, 20.0, -20.0), (ground, ground, -20.0, -20.0)), *lander,
-            (run.t, run.r[1][0]), (run.t, x), ((run.t[k],)*2, (min(x.min(), 0.0), x.max())),
+            (run.t[some], run.r[1][0][some]), (run.t[some], x), ((run.t[k],)*2, (min(x.min(), 0.0), x.max())),
             *(q for u in run.u for q in ((run.t[near] - t, u[near]), ((0.0, 0.0), (u.min(), u.max()))))]
 
 
@@ -98,7 +100,7 @@ class Flight(W.VBox):
     def __init__(self, source):
         self.run, self._lock, self._picture, self._text = None, threading.RLock(), Picture(), W.HTML()
         self.slider = W.FloatSlider(0.0, min=0.0, max=STEP, step=STEP, readout=False, description="t")
-        self._play = W.Play(value=0, min=0, max=1, step=SPEEDS["5 times"], interval=FRAME_TIME, show_repeat=False)
+        self._play = W.Play(value=0, min=0, max=1, step=10, interval=FRAME, show_repeat=False)
         self._speed = W.Dropdown(options=SPEEDS, value=self._play.step)
         W.link((self._speed, "value"), (self._play, "step"))
         head, below = W.HBox([self._play, self.slider, self._speed]), W.VBox([self._text, self._picture])

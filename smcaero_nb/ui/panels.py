@@ -81,6 +81,13 @@ def _extremes(t, y, low, high):
             np.append(y[0], np.column_stack([first, second, b])))
 
 
+def _corners(t, y):
+    """A curve without the inner points of its level stretches."""
+    keep = np.ones(len(t), bool)
+    keep[1:-1] = (y[1:-1] != y[:-2]) | (y[1:-1] != y[2:])
+    return t[keep], y[keep]
+
+
 def panels(run, states=(), phase=False):
     """The curves of a run: output against reference, rate, control and states, sliding variable, states of the law.
 
@@ -109,10 +116,10 @@ def panels(run, states=(), phase=False):
     outputs = _channels(run.y, about["y"], many)
     followed = about["y"] or stages["reference"] or not stages["law"]
 
-    samples = len(t) > 1 and np.diff(t).max() < 1.001*run.tau  # every one is a row
+    samples = len(t) > 1 and np.diff(t).max() < 1.001*run.tau  # every one is a row: nothing lies between rows
 
     def add(key, row, column, meta, y, *between, reference=False, number=None, held=False):
-        ts, ys = _extremes(t, y, *between) if between and len(t) > 1 and not held else (t, y)
+        ts, ys = _corners(t, y) if samples else _extremes(t, y, *between) if between and len(t) > 1 else (t, y)
         key += f"[{column if number is None else number}]"*(many or number is not None)
         curves.append(Curve(key, row, column, meta, ts.astype(np.float32), (shown(meta)[0]*ys).astype(np.float32), reference,
                             held=held))
@@ -143,7 +150,8 @@ def panels(run, states=(), phase=False):
         for c, (name, b) in enumerate(getattr(stages["law"], "parts", {None: stages["law"]}).items()):
             if b.band:
                 band = np.array([b.band(q, b.values) for q in t])
-                x, y = (np.concatenate(q, dtype=np.float32) for q in ((t, [math.nan], t), (band, [math.nan], -band)))
+                ts, band = _corners(t, band)
+                x, y = (np.concatenate(q, dtype=np.float32) for q in ((ts, [math.nan], ts), (band, [math.nan], -band)))
                 curves.append(Curve(f"band{f'[{c}]'*many}", "sliding variable", c, Param(r"\delta", "[sigma]"), x, y, True))
             for n, meta in b.states.items():
                 if not meta.hidden:
