@@ -45,7 +45,7 @@ PROMISED = dict(
     smc2="super_twisting twisting adaptive_super_twisting adaptive_twisting gains",
     hosmc="quasi_continuous nested adaptive_continuous", lv="loop transfer_function", rpl="loop landing pulses",
     applications="double_integrator dc_motor",
-    ui="mask live plot")
+    ui="mask live plot compare certificate flight")
 CALLABLE = {n: t for n, t in PUBLIC.items() if isinstance(t, (types.FunctionType, Block, type))}
 BLOCKS = {n: t for n, t in PUBLIC.items() if isinstance(t, Block)}
 

@@ -41,9 +41,11 @@ class Block:
         What a law's theorem assumes of the perturbation, or an allocation of the output.
     r : int or None
         Relative degree that a law of (sigma, sigma', ...) is for.
+    band : function or None
+        Size of sigma that a law accepts.
     """
 
-    def __init__(self, f, state, check=None, theorem=None, r=None):
+    def __init__(self, f, state, check=None, theorem=None, r=None, band=None):
         if not inspect.isfunction(f):
             raise BlockError(f"block: a block is made of a plain function, not of {f!r}")
         self.f, self.name, self.__doc__ = f, f.__name__, f.__doc__
@@ -56,7 +58,7 @@ class Block:
             self.states[name], self.values[name] = meta, meta.check(self.name, name, v)
         if "z" in self.signals and not state:
             raise BlockError(f"{self.name} asks for z, but names no state: @block(state=dict(...))")
-        self.check, self.theorem, self.r = check, theorem, r
+        self.check, self.theorem, self.r, self.band = check, theorem, r, band
         self._together()
 
     def _together(self):
@@ -156,7 +158,7 @@ def routed(owner, parts, changes):
     return new
 
 
-def block(f=None, *, state=None, check=None, theorem=None, r=None):
+def block(f=None, *, state=None, check=None, theorem=None, r=None, band=None):
     r"""Make a block of a plain function.
 
     Parameters
@@ -179,6 +181,8 @@ def block(f=None, *, state=None, check=None, theorem=None, r=None):
     r : int, optional
         Of a law that sees a tuple (sigma, sigma', ...): the relative degree it is for, if it is one law and not one for several
         inputs; default: as many as it sees.
+    band : function, optional
+        Of a law: the size of sigma that it accepts. It is given a time and ``{name: value}``; pictures draw it.
 
     Returns
     -------
@@ -195,7 +199,7 @@ def block(f=None, *, state=None, check=None, theorem=None, r=None):
     ... def sign_law(sigma, rho: Annotated[float, Param(r"\rho", "[v]", low=0.0)] = 1.0):
     ...     return rho*((sigma > 0.0) - (sigma < 0.0))
     """
-    made = functools.partial(Block, state=state or {}, check=check, theorem=theorem, r=r)
+    made = functools.partial(Block, state=state or {}, check=check, theorem=theorem, r=r, band=band)
     return made(f) if f else made
 
 

@@ -56,6 +56,8 @@ class ClosedLoop:
         What `simulate` uses unless told otherwise [s].
     name : str
         For titles.
+    verdict : callable, optional
+        ``verdict(run)`` says what became of a run: an object with its words as text, true if all went well. Masks show it.
 
     Raises
     ------
@@ -65,8 +67,8 @@ class ClosedLoop:
         An unknown stage.
     """
 
-    def __init__(self, plant, *, duration=None, dt=None, tau=None, name="", **stages):
-        self.duration, self.dt, self.tau, self.name = duration, dt, tau, name
+    def __init__(self, plant, *, duration=None, dt=None, tau=None, name="", verdict=None, **stages):
+        self.duration, self.dt, self.tau, self.name, self.verdict = duration, dt, tau, name, verdict
         self.stages = routed("ClosedLoop", dict.fromkeys(ASKS), {"plant": plant, **stages})
         for stage, b in self.stages.items():
             if not isinstance(b, Block if stage == "plant" else (Block, Channels, type(None))):
@@ -78,14 +80,14 @@ class ClosedLoop:
         """Return a copy with changes.
 
         ``law=other_block`` replaces a stage, ``law__lam=2.0`` sets a parameter in it, ``plant__theta=0.1`` an initial
-        state, ``law__attitude__lam=2.0`` reaches into channels; `duration`, `dt`, `tau`, `name` as in `ClosedLoop`.
+        state, ``law__attitude__lam=2.0`` reaches into channels; `duration`, `dt`, `tau`, `name`, `verdict` as in `ClosedLoop`.
 
         Raises
         ------
         ParameterError
             An unknown stage or name, or a value that its metadata does not allow.
         """
-        own = {k: changes.pop(k, getattr(self, k)) for k in ("duration", "dt", "tau", "name")}
+        own = {k: changes.pop(k, getattr(self, k)) for k in ("duration", "dt", "tau", "name", "verdict")}
         for name in getattr(changes.get("plant", self.stages["plant"]), "params", ()):
             if f"output__{name}" in changes:
                 raise ParameterError(f"ClosedLoop: {name} of the output follows the plant; set plant__{name}")
@@ -502,6 +504,8 @@ class Run:
         Time at which a state or signal was not finite, or a state or output left the limits that its metadata declare [s].
     steps : int
         Steps done.
+    tau : float
+        Sampling step [s].
     loop : ClosedLoop
     """
 
@@ -526,7 +530,7 @@ def _result(loop, writer, rec, S, before, k, k_tail, dt, m, stopped, diverged):
         return values(next(names)) if s is None else tuple(nested(v, names, values) for v in s)
 
     run = Run()
-    run.loop, run.steps, run.t = loop, k, columns["t"]
+    run.loop, run.steps, run.tau, run.t = loop, k, m*dt, columns["t"]
     run.stopped_at, run.diverged_at = k*dt if stopped else None, k*dt if diverged else None
     for n in SIGNALS[1:]:
         setattr(run, n, signal(n, columns.get))

@@ -35,6 +35,8 @@ class Param:
         Range of the slider, where it is narrower than the bounds.
     samples : bool
         It is a time that the block counts in samples: `simulate` takes only multiples of its sampling step.
+    hidden : bool
+        Of a law's state: pictures leave it out.
     """
 
     symbol: str = ""
@@ -45,6 +47,7 @@ class Param:
     help: str = ""
     slider: tuple = ()
     samples: bool = False
+    hidden: bool = False
 
     def check(self, owner, name, value, kind=float):
         """Return `value` as `kind` (float, int, bool or a Literal) if it is allowed, else raise `ParameterError`."""

@@ -146,9 +146,14 @@ def braking_surface(e, z, tau, c_0: Slope = 7.0, c_int: IntegralGain = 25.0, lim
     return e[1] + (braking(e[0], c_0, a_b) if limited else c_0*e[0]) + w, (ahead,)
 
 
-@block(check=ordered, state=dict(
+def accepted(t, values):
+    """The dead band in use."""
+    return dead_band(t, *(values[n] for n in dead_band.params))
+
+
+@block(check=ordered, band=accepted, state=dict(
     rho=(0.08, Param(r"\rho(0)", "[v]", low=0.0, help="gain to start with", slider=(0.0, 3.0))),
-    held=(0.0, Param("s(0)", low=-1.0, high=1.0, help="sign before the start"))))
+    held=(0.0, Param("s(0)", low=-1.0, high=1.0, hidden=True, help="sign before the start"))))
 def off_pulse_smc(t, sigma, z, tau, gamma: Gamma = 0.3,
                   capped: Annotated[bool, Param("capped extension", help="extension: limit the gain; off: it grows on")] = True,
                   rho_max: Annotated[float, Param(r"\rho_{max}", "[v]", low=0.0, slider=(0.0, 5.0),

@@ -29,7 +29,7 @@ class Landing:
     lost_at : float or None
         When the thrust, tilted, could no longer hold the lander: authority over the altitude was lost [s].
     reasons : tuple of str
-        Why it was not soft; empty if it was.
+        Why it was not soft; empty if it was. A landing is true if it was soft.
     """
 
     t: float
@@ -42,6 +42,7 @@ class Landing:
     reasons: tuple
 
     soft = property(lambda self: not self.reasons)
+    __bool__ = soft.fget
 
     def __str__(self):
         lost = f" Authority over the altitude was lost after {self.lost_at:.1f} s." if self.lost_at is not None else ""
@@ -142,7 +143,7 @@ def pulses(run, intervals=(0.0, 100.0, 200.0, 240.0)):
     ----------
     Paper, figures of the off-pulse controls, and eq (59) for the impulse over T.
     """
-    t, tau = run.t, run.loop.tau
+    t, tau = run.t, run.tau
     if len(t) < 2 or np.diff(t).max() > tau*(1 + 1e-9):
         raise ParameterError(f"pulses: the run has a row every {np.diff(t).max() if len(t) > 1 else math.inf:g} s; it must have "
                              f"one every tau = {tau:g} s: simulate(..., record={round(run.loop.duration/tau)})")

@@ -8,6 +8,7 @@ from ..surface import polynomial
 from .control import allocation, braking_surface, off_pulse_smc, pid_within, super_twisting_within
 from .plant import altitude, attitude_and_altitude, command, governed_command, lander, perturbations
 from .pulses import dead_bands, pulse_modulator, thruster
+from .results import landing
 
 __all__ = ["PRESETS", "TABLE_1", "loop"]
 
@@ -69,8 +70,8 @@ def loop(law="adaptive_smc", preset="recommended"):
     Returns
     -------
     ClosedLoop
-        With duration 240 s, dt 1e-3 s and tau 0.05 s. It ends at touchdown; ``with_(stop=None)`` flies on to 240 s, as the
-        figures of the paper's Table 2 are meant.
+        With duration 240 s, dt 1e-3 s, tau 0.05 s and `landing` as verdict. It ends at touchdown; ``with_(stop=None)`` flies
+        on to 240 s, as the figures of the paper's Table 2 are meant.
 
     Raises
     ------
@@ -101,4 +102,5 @@ def loop(law="adaptive_smc", preset="recommended"):
     if preset not in PRESETS[law]:
         raise ParameterError(f"rpl.loop: preset = {preset!r} is not there for {law}; it must be one of {', '.join(PRESETS[law])}")
     stages = dict(reference=command, output=attitude_and_altitude, perturbation=perturbations, stop=altitude)
-    return ClosedLoop(lander, duration=240.0, dt=1e-3, tau=0.05, name=f"{law}, {preset}", **{**stages, **PRESETS[law][preset]})
+    return ClosedLoop(lander, duration=240.0, dt=1e-3, tau=0.05, name=f"{law}, {preset}", verdict=landing,
+                      **{**stages, **PRESETS[law][preset]})

@@ -1,9 +1,11 @@
 """Live plots: a mask beside the curves of what it sets."""
 
+import math
 import warnings
 
 import ipywidgets as W
 import plotly.graph_objects as go
+import traitlets
 
 from ..core import BlockError, ClosedLoop, ParameterError, simulate
 from ..core.param import unknown
@@ -11,7 +13,7 @@ from .charts import figure
 from .form import Mask
 from .job import Job
 from .own import Download
-from .panels import draw, metrics_html, panels, structure
+from .panels import draw, metrics_html, panels, structure, verdict_html
 from .picture import Picture
 from .words import result_html, why_diverged
 from .worker import Dropped
@@ -19,11 +21,18 @@ from .worker import Dropped
 __all__ = ["Live", "live"]
 
 ROWS = 1000  # recorded rows of a run: what a screen resolves
+SAMPLES = 5000  # of a run of up to so many samples, each is a row: every pulse shows
 PATIENCE = 0.15  # s that a moved slider waits for its run; a longer one goes on by itself
 FIRST = 5.0  # s that a new plot waits, so that the next cell finds its curves: compiling takes 1 to 3
 COMPILING = "Compiling; this takes a few seconds, once for each kind of loop."
 COMPUTING = "Computing; the first time it may have to compile, which takes a few seconds."
 KEPT = "the curves are those of the last good setting"
+
+
+def rows(loop, duration=None, dt=None, tau=None):
+    """How many rows of a run to record."""
+    samples = (duration or loop.duration or 0.0)/(tau or loop.tau or dt or loop.dt or math.inf)
+    return round(samples) if ROWS < samples <= SAMPLES else ROWS
 
 
 class Live(W.Box):
@@ -37,7 +46,7 @@ class Live(W.Box):
     loop : ClosedLoop or Block
         As set now.
     run : Run, or what the block returned, or None
-        The last good one, the one drawn.
+        The last good one, the one drawn; ``live.observe(f, "run")`` calls `f` after every new one.
     curves : dict
         What is drawn of a run, in the units shown: ``live.curves["u"].y`` over ``live.curves["u"].x``; keys
         `y r dy dr u xi sigma phase`, `x.<state>`, `law.<state>`.
@@ -49,11 +58,13 @@ class Live(W.Box):
         The thread that simulates, with its progress bar.
     """
 
+    run = traitlets.Any()
+
     def __init__(self, loops, duration, dt, tau, states, phase, include):
         self.times = dict(duration=duration, dt=dt, tau=tau)
         self.mask, self._picture, self._shown = Mask(loops, include), Picture(), (states, phase)
         self.curves = {}
-        self.run, self.status, self._drawn = None, "", None  # _drawn: which of the loops the curves are of
+        self.status, self._drawn = "", None  # _drawn: which of the loops the curves are of
         for loop in self.mask.offered.values():
             for n in states if isinstance(loop, ClosedLoop) else ():
                 if n not in loop.stages["plant"].states:
@@ -117,7 +128,8 @@ class Live(W.Box):
 
         try:
             if isinstance(loop, ClosedLoop):
-                text, refused = self._simulated(choice, simulate(loop, **self.times, record=ROWS, progress=watched))
+                record = rows(loop, **self.times)
+                text, refused = self._simulated(choice, simulate(loop, **self.times, record=record, progress=watched))
             else:
                 text, refused = self._called(choice, loop)
         except Dropped as why:
@@ -131,9 +143,10 @@ class Live(W.Box):
         """Draw a run; what to say of it, and whether it is refused."""
         first, good = choice != self._drawn, run.diverged_at is None
         if good or first:
-            self._drawn, self.run, self._metrics.value = choice, run, metrics_html(run)
+            self._drawn, self._metrics.value = choice, verdict_html(run) + metrics_html(run)
             self._show(panels(run, *self._shown))
             self._download.show("")
+            self.run = run
         if not good:
             return f"{why_diverged(run)}; {'the curves end there' if first else KEPT}.", True
         return "".join(f"{q}: the theorem does not cover this. " for q in run.doubts()).strip(), False
@@ -144,7 +157,8 @@ class Live(W.Box):
             warnings.simplefilter("always")
             result = block()
         drawn = figure(result)
-        self._drawn, self.run, self.curves, self._metrics.value = choice, result, {}, result_html(result)
+        self._drawn, self.curves, self._metrics.value = choice, {}, result_html(result)
+        self.run = result
         self._download.show(hasattr(result, "to_csv") and f"{(choice or block.name).removesuffix('.csv')}, estimates.csv")
         self._picture.show(*drawn)
         return " ".join(dict.fromkeys(f"{q.message}." for q in remarks)), False

@@ -27,7 +27,7 @@ class Job(W.HBox):
         self._do, self.worker = do, Newest(self._work, self._hide)
 
     def ask(self, asked, patience):
-        """Do it; return whether it was done within `patience` [s]. If not, it goes on by itself, and the bar shows; Ctrl-C cancels."""
+        """Do it; return whether it was done within `patience` [s]. If not, it goes on by itself, with a bar; Ctrl-C ends it."""
         self.worker.ask(asked)
         try:
             if self.worker.idle.wait(patience):

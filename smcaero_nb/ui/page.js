@@ -20,6 +20,7 @@ function render({ model, el }) {
       mask.querySelectorAll(".smcaero-choice select").forEach(e => e.setAttribute("aria-label", "closed loop"));
       mask.querySelectorAll(".smcaero-doc, .smcaero-doc mjx-container[display=true]").forEach(e => e.setAttribute("tabindex", "0"));
       mask.querySelectorAll(".smcaero-status").forEach(e => { e.setAttribute("role", "status"); e.setAttribute("aria-live", "polite"); });
+      mask.querySelectorAll(".widget-play button").forEach((e, i) => e.setAttribute("aria-label", ["play or pause", "stop", "repeat"][i]));
       mask.querySelectorAll(".smcaero-busy [role=progressbar], .smcaero-busy .progress").forEach(e => e.setAttribute("aria-label", "progress of the run"));
     };
     let asked = false;

@@ -12,9 +12,9 @@ import plotly.graph_objects as go
 from ..core import Param
 from ..core.signal import flat
 from ..core.theorem import degree, laws
-from .words import UNKNOWN, measure, shown, symbol, unit_html
+from .words import UNKNOWN, measure, said_html, shown, symbol, unit_html
 
-__all__ = ["Curve", "comparison_html", "draw", "metrics_html", "panels", "structure"]
+__all__ = ["Curve", "comparison_html", "draw", "metrics_html", "panels", "structure", "verdict_html"]
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")  # Okabe and Ito: told apart by everybody
 SYMBOLS = ("circle", "square", "diamond", "triangle-up", "cross")
@@ -23,6 +23,7 @@ NAMED = {"sigma": r"\sigma", "dy": r"\dot y", "xi": r"\xi", "phase": r"\dot\sigm
 LAW = "states of the law"
 PHASE = "phase portrait"  # the row whose abscissa is sigma, not time
 ROW, TALL, GAP, TOP, BOTTOM = 112, 260, 28, 30, 44  # px; the phase portrait is a tall row
+APART = 0.16  # of the width, between columns
 LAYOUT = dict(autosize=True, margin=dict(l=72, r=14, t=TOP, b=BOTTOM), template="plotly_white", font=dict(size=12, color="#222"),
               hovermode="x", hoversubplots="axis", uirevision="kept")
 X_AXIS = dict(visible=True, showspikes=True, spikethickness=1, spikecolor="#999")
@@ -41,6 +42,7 @@ class Curve(NamedTuple):
     y: np.ndarray
     reference: bool = False
     across: Param = Param("t", "s")
+    held: bool = False  # from point to point
 
     @property
     def label(self):
@@ -79,6 +81,13 @@ def _extremes(t, y, low, high):
             np.append(y[0], np.column_stack([first, second, b])))
 
 
+def _corners(t, y):
+    """A curve without the inner points of its level stretches."""
+    keep = np.ones(len(t), bool)
+    keep[1:-1] = (y[1:-1] != y[:-2]) | (y[1:-1] != y[2:])
+    return t[keep], y[keep]
+
+
 def panels(run, states=(), phase=False):
     """The curves of a run: output against reference, rate, control and states, sliding variable, states of the law.
 
@@ -107,10 +116,13 @@ def panels(run, states=(), phase=False):
     outputs = _channels(run.y, about["y"], many)
     followed = about["y"] or stages["reference"] or not stages["law"]
 
-    def add(key, row, column, meta, y, *between, reference=False, number=None):
-        ts, ys = _extremes(t, y, *between) if between and len(t) > 1 else (t, y)
+    samples = len(t) > 1 and np.diff(t).max() < 1.001*run.tau  # every one is a row: nothing lies between rows
+
+    def add(key, row, column, meta, y, *between, reference=False, number=None, held=False):
+        ts, ys = _corners(t, y) if samples else _extremes(t, y, *between) if between and len(t) > 1 else (t, y)
         key += f"[{column if number is None else number}]"*(many or number is not None)
-        curves.append(Curve(key, row, column, meta, ts.astype(np.float32), (shown(meta)[0]*ys).astype(np.float32), reference))
+        curves.append(Curve(key, row, column, meta, ts.astype(np.float32), (shown(meta)[0]*ys).astype(np.float32), reference,
+                            held=held))
 
     for c, (ys, rs) in enumerate(zip(outputs, _channels(run.r, about["y"], many), strict=True) if followed else ()):
         for row, key, (y, meta), r in zip(("output", "rate"), ("", "d"), ys, [*rs, None], strict=False):
@@ -119,7 +131,7 @@ def panels(run, states=(), phase=False):
                 add(f"{key}r", row, c, meta, r[0], reference=True)
     controls, = _channels(run.u, about["u"], False)
     for i, ((y, meta), low, high) in enumerate(zip(controls, flat(run.low.u), flat(run.high.u), strict=True)):
-        add("u", "control", min(i, len(outputs) - 1), meta, y, low, high, number=i if len(controls) > 1 else None)
+        add("u", "control", min(i, len(outputs) - 1), meta, y, low, high, number=i if len(controls) > 1 else None, held=samples)
     if run.xi is not None and not stages["allocation"] and not stages["actuator"]:
         for i, (xi, (_, meta)) in enumerate(zip(flat(run.xi), controls, strict=True)):
             add("xi", "control", min(i, len(outputs) - 1), replace(meta, symbol=r"\xi"), xi, reference=True,
@@ -136,9 +148,14 @@ def panels(run, states=(), phase=False):
             add("sigma", "sliding variable", c, meta, y, low, high)
     if stages["law"]:
         for c, (name, b) in enumerate(getattr(stages["law"], "parts", {None: stages["law"]}).items()):
+            if b.band:
+                band = np.array([b.band(q, b.values) for q in t])
+                ts, band = _corners(t, band)
+                x, y = (np.concatenate(q, dtype=np.float32) for q in ((ts, [math.nan], ts), (band, [math.nan], -band)))
+                curves.append(Curve(f"band{f'[{c}]'*many}", "sliding variable", c, Param(r"\delta", "[sigma]"), x, y, True))
             for n, meta in b.states.items():
-                z = getattr(run.z.law, name) if name else run.z.law
-                add(f"law.{n}", LAW, c, meta, getattr(z, n))
+                if not meta.hidden:
+                    add(f"law.{n}", LAW, c, meta, getattr(getattr(run.z.law, name) if name else run.z.law, n))
     for c, (name, x, y) in enumerate(_portraits(run) if phase else ()):
         curves.append(Curve(f"phase{name}", PHASE, min(c, len(outputs) - 1), Param(), x.astype(np.float32), y.astype(np.float32),
                             across=Param(r"\sigma")))
@@ -166,7 +183,7 @@ def _smooth(xi):
 
 def structure(curves):
     """What a figure must be built anew for, if it differs."""
-    return [(c.key, c.row, c.column, c.label, c.unit) for c in curves]
+    return [(c.key, c.row, c.column, c.label, c.unit, c.held) for c in curves]
 
 
 def draw(runs):
@@ -189,7 +206,7 @@ def draw(runs):
     heights, tops = [TALL if r == PHASE else ROW for r in rows], [0]
     for r, h in zip(rows, heights, strict=True):
         tops.append(tops[-1] + h + (GAP + BOTTOM if rows[-1] == PHASE and r != PHASE and r == rows[-2] else GAP))
-    height, axes = max(tops[-1] - GAP, ROW), {}
+    height, axes, wide = max(tops[-1] - GAP, ROW), {}, (1.0 + APART)/columns - APART
     traces = []
     for (row, column), here in sorted(places.items(), key=lambda q: q[0][0] == PHASE):
         n = rows.index(row)
@@ -198,11 +215,13 @@ def draw(runs):
         traces += _traces(here, dict(xaxis=f"x{x}", yaxis=f"y{y}", legend=f"legend{y}"), len(runs) > 1, not traces)
         units = {c.label: c.unit for *_, c in here if not c.reference}
         title = ", ".join(units) + (next(iter(units.values())) if len(set(units.values())) == 1 else "")
-        left, right, top = (column + 0.08*(column > 0))/columns, (column + 1)/columns, 1 - tops[n]/height
-        axes |= {f"yaxis{y}": dict(domain=(max(top - heights[n]/height, 0.0), top), anchor=f"x{x}", title_text=title, **Y_AXIS),
-                 f"xaxis{x}": dict(domain=(left, right), anchor=f"y{y}", **X_AXIS | dict(  # below the lowest panel
+        room = [round(5.0*float(np.nanmax(c.y)), 6) for *_, c in here if c.key.startswith("band")]  # sigma beside its band
+        left, top = column*(wide + APART), 1 - tops[n]/height
+        axes |= {f"yaxis{y}": dict(domain=(max(top - heights[n]/height, 0.0), top), anchor=f"x{x}", title_text=title,
+                                   range=(-max(room), max(room)) if any(room) else None, **Y_AXIS),
+                 f"xaxis{x}": dict(domain=(left, left + wide), anchor=f"y{y}", **X_AXIS | dict(  # below the lowest panel
                      title=dict(text=here[0][2].abscissa, standoff=4))),
-                 f"legend{y}": dict(x=right, y=top, **LEGEND)}
+                 f"legend{y}": dict(x=left + wide, y=top, **LEGEND)}
     return traces, dict(height=height + TOP + BOTTOM, **LAYOUT, **axes)
 
 
@@ -216,35 +235,68 @@ def _traces(curves, place, several, first):
         rank = ranks[run] = ranks.get(run, -1) + (not c.reference)
         colour = COLOURS[(run if several else rank) % len(COLOURS)]
         line = dict(color="#444", dash="dot") if c.reference else dict(color=colour, dash=DASHES[rank % len(DASHES)])
+        line |= dict(width=1.0, shape="hv") if c.held else dict(width=1.5)
         label = name if several and not rank else c.label + c.unit*mixed
         if c.reference:
-            label = c.label if c.key.startswith("xi") else "reference"
+            label = c.label if c.key.startswith(("xi", "band")) else "reference"
         tell = first or rank > 0 or c.reference if several else len(curves) > 1
-        traces.append(go.Scatter(x=c.x, y=c.y, mode="lines", name=label, meta=c.key, line=dict(width=1.5, **line), **place,
+        traces.append(go.Scatter(x=c.x, y=c.y, mode="lines", name=label, meta=c.key, line=line, **place,
                                  legendgroup=name if several and not c.reference else None, showlegend=tell and label not in told,
                                  hovertemplate=f"{c.label} %{{y:.4g}}{c.unit}<extra>{name}</extra>"))
         told.add(label)
     return traces
 
 
+def _metas(run, signal):
+    """Metadata of each channel of a signal."""
+    meta = run.loop.metadata(signal) or Param()
+    many = signal == "u" or isinstance(run.y, tuple) and any(isinstance(q, tuple) for q in run.y)
+    return [flat(q)[0] or Param() for q in (meta if many and isinstance(meta, tuple) else [meta])]
+
+
+def _plain(meta):
+    return 1.0, meta.unit
+
+
+def _per_second(meta):
+    factor, unit = shown(meta)
+    return factor, f"{unit}/s".removeprefix("1")
+
+
+def _measure(values, metas, scale=shown):
+    """A figure of merit, each channel in its unit."""
+    scales = [scale(m) for m in metas]
+    if len(set(scales)) == 1 or not isinstance(values, tuple):
+        return measure(values, *scales[0])
+    return ", ".join(measure(v, *s) for v, s in zip(values, scales, strict=True))
+
+
+def verdict_html(run):
+    """What the loop's verdict says of a run, as HTML; nothing if it has none."""
+    if run.loop.verdict is None:
+        return ""
+    said = run.loop.verdict(run)
+    return f'<div class="smcaero-verdict">{said_html(str(said), not said)}</div>'
+
+
 def metrics_html(run):
     """The figures of merit of a run, as one line of HTML."""
-    m, (e, u, sigma) = run.metrics(), (flat(run.loop.metadata(s) or Param())[0] or Param() for s in ("e", "u", "sigma"))
-    per_second = f"{shown(u)[1]}/s".removeprefix("1")
-    said = {"J<sub>e</sub>": measure(m.J_e, 1.0, e.unit), "J<sub>u</sub>": measure(m.J_u, 1.0, u.unit),  # as papers give them
-            "max |u|": measure(m.max_u, *shown(u)), "tail |e|": measure(m.tail_e, *shown(e))}
+    m, (e, u, sigma) = run.metrics(), (_metas(run, s) for s in ("e", "u", "sigma"))
+    said = {"J<sub>e</sub>": _measure(m.J_e, e, _plain), "J<sub>u</sub>": _measure(m.J_u, u, _plain),  # as papers give them
+            "max |u|": _measure(m.max_u, u), "tail |e|": _measure(m.tail_e, e)}
     if run.loop.stages["surface"]:
-        said["tail |σ|"] = measure(m.tail_sigma, 1.0, sigma.unit)
+        said["tail |σ|"] = _measure(m.tail_sigma, sigma, _plain)
     if run.loop.stages["law"]:
         said["reaching time"] = measure(m.reaching_time, 1.0, "s")
-    said["chattering"] = f"{measure(m.variation_u, shown(u)[0], per_second)}, {measure(m.turns_u, 1.0, 'reversals/s')}"
+    said["chattering"] = f"{_measure(m.variation_u, u, _per_second)}, {measure(m.turns_u, 1.0, 'reversals/s')}"
     spans = "".join(f"<span>{n} <b>{v}</b></span>" for n, v in said.items() if UNKNOWN not in v)
     return f'<div class="smcaero-metrics">{spans}</div>'
 
 
 def comparison_html(runs):
     """Figures of merit of several runs, as a table in HTML."""
-    head = ("reaching time", "tail |σ|", "mean |v|", "variation of u", "reversals of u")
+    judged = any(run.loop.verdict for run in runs.values())
+    head = ("reaching time", "tail |σ|", "mean |v|", "variation of u", "reversals of u", *["verdict"]*judged)
     rows = ""
     for name, run in runs.items():
         m, sigma, u = run.metrics(), flat(run.loop.metadata("sigma") or Param())[0], flat(run.loop.metadata("u") or Param())[0]
@@ -252,7 +304,7 @@ def comparison_html(runs):
         factor, unit = shown(u or Param())
         values = (measure(m.reaching_time, 1.0, "s"), measure(m.tail_sigma, 1.0, (sigma or Param()).unit),
                   measure(tuple(flat(run.mean_v if run.mean_v is not None else math.nan)), 1.0, v.unit),
-                  measure(m.variation_u, factor, f"{unit}/s"), measure(m.turns_u, 1.0, "1/s"))
+                  measure(m.variation_u, factor, f"{unit}/s"), measure(m.turns_u, 1.0, "1/s"), *[verdict_html(run)]*judged)
         rows += f'<tr><th scope="row">{html.escape(name)}</th>' + "".join(f"<td>{q}</td>" for q in values) + "</tr>"
     cells = "".join(f'<th scope="col">{q}</th>' for q in ("law", *head))
     return f'<table class="smcaero-table"><thead><tr>{cells}</tr></thead><tbody>{rows}</tbody></table>'

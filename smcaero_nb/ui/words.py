@@ -66,7 +66,7 @@ def measure(values, factor, unit):
     values = values if isinstance(values, tuple) else (values,)
     if not all(map(math.isfinite, values)):
         return UNKNOWN
-    said = ", ".join(f"{v*factor:.3g}" for v in values)
+    said = ", ".join(f"{v*factor:.0f}" if 1e3 <= abs(v*factor) < 1e5 else f"{v*factor:.3g}" for v in values)
     return said if unit == "1" else said + " " + re.sub(POWER, r"<sup>\1</sup>", unit)
 
 

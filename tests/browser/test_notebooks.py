@@ -24,6 +24,8 @@ def test_runs_without_an_error(notebook, path, tmp_path):
         own_transfer_function_is_taken(nb)
     if "differentiators" in path:
         result_is_downloaded(nb)
+    if nb.page.locator(".smcaero-flight").count():
+        film_is_scrubbed_and_played(nb)
     for study in nb.page.locator(".smcaero-study:not(.smcaero-own)").all():
         study.locator(".js-line, .point").first.wait_for()  # drawn, and as wide as its cell
         plot, cell = (study.locator(f".{q}").first.bounding_box() for q in ("main-svg", "smcaero-plot"))
@@ -112,5 +114,29 @@ def result_is_downloaded(nb):
     assert lines[0].startswith("t [s],f,z_0") and all(len(q.split(",")) == len(lines[0].split(",")) for q in lines)
 
 
+GROUND = "document.querySelector('.smcaero-flight .js-plotly-plot').data[0].y[0]"  # below the centre of mass [m]
+BODY = "() => Array.from(document.querySelector('.smcaero-flight .js-plotly-plot').data[3].y)"
+SECONDS = "parseFloat(document.querySelector('.smcaero-flight .smcaero-moment').textContent.slice(4))"
+
+
+def film_is_scrubbed_and_played(nb):
+    """The slider of the film brings the lander that is drawn to the ground, and its button lets it fly."""
+    film = nb.page.locator(".smcaero-flight").first
+    handle, play = film.get_by_role("slider", name="time"), film.get_by_role("button", name="play or pause")
+    handle.scroll_into_view_if_needed()
+    handle.focus()
+    handle.press("Home")
+    nb.page.wait_for_function(f"() => {SECONDS} === 0 && {GROUND} < -10")
+    before = nb.page.evaluate(BODY)
+    handle.press("End")
+    nb.page.wait_for_function(f"() => {SECONDS} > 230 && {GROUND} > -3")
+    assert nb.page.evaluate(BODY) != before  # upright now
+    handle.press("Home")
+    nb.page.wait_for_function(f"() => {SECONDS} === 0")
+    play.click()
+    nb.page.wait_for_function(f"() => {SECONDS} > 2")
+    play.click()
+
+
 def test_there_are_notebooks():
-    assert [n[10:12] for n in NOTEBOOKS] == ["00", "01", "02", "03", "04", "05", "07", "08"]
+    assert [n[10:12] for n in NOTEBOOKS] == ["00", "01", "02", "03", "04", "05", "06", "07", "08"]

@@ -1,0 +1,151 @@
+"""What a live plot says and draws of a lander: the verdict, the dead band, every pulse, the film."""
+
+import math
+
+import numpy as np
+import pytest
+
+import smcaero_nb as smc
+from smcaero_nb import ParameterError, rpl, simulate
+from smcaero_nb.ui import flight, live, plot
+from smcaero_nb.ui.board import rows
+from smcaero_nb.ui.panels import comparison_html, panels
+
+
+@pytest.fixture(scope="module")
+def run():
+    return simulate(rpl.loop(), record=4800)
+
+
+@pytest.fixture(scope="module")
+def picture():
+    shown = live(rpl.loop())
+    shown.wait()
+    return shown
+
+
+# ---- live plot -------------------------------------------------------------------------------------------------------
+def test_the_verdict_stands_above_the_curves_and_follows_the_mask(picture):
+    assert "smcaero-good" in picture._metrics.value and "Landed softly after 2" in picture._metrics.value
+    picture.set(plant__offset=-0.015)
+    assert "smcaero-bad" in picture._metrics.value and "it hit the ground after 20" in picture._metrics.value
+    picture.mask.reset()
+    picture.wait()
+    assert "Landed softly" in picture._metrics.value
+    assert picture.loop.verdict is rpl.landing and picture.loop.with_(verdict=None).verdict is None
+    said = picture._metrics.value
+    assert " deg, " in said and "15, 2800 N" in said and " rad, 53" in said  # each channel in its unit
+
+
+def test_a_loop_without_verdict_has_none():
+    assert "verdict" not in comparison_html({"a": simulate(smc.lv.loop("pd"), 1.0)})
+    assert "Landed softly" in comparison_html({"a": simulate(rpl.loop())})
+
+
+def test_every_pulse_is_drawn(picture, run):
+    assert rows(rpl.loop()) == 4800 and rows(smc.lv.loop("pd")) == 1000 and rows(rpl.loop(), duration=30.0) == 1000
+    assert rows(rpl.loop(), tau=0.01) == 1000 and rows(rpl.loop(), duration=480.0, tau=0.1) == 4800
+    curves = {c.key: c for c in panels(run)}
+    for i in (0, 1):
+        u = curves[f"u[{i}]"]
+        np.testing.assert_allclose(u.y[np.searchsorted(u.x, run.t + 1e-3) - 1], run.u[i], rtol=1e-6)  # held till the next point
+        assert u.held and picture.curves[f"u[{i}]"].held and len(u.x) < 0.6*len(run.t)
+    assert {t.meta: t.line.shape for t in plot(run).data}["u[0]"] == "hv"
+    assert not any(c.held for c in panels(simulate(rpl.loop(), record=1000)))
+
+
+def test_sigma_is_drawn_with_its_dead_band(run):
+    curves = {c.key: c for c in panels(run)}
+    assert "law.held[0]" not in curves and {"law.rho[0]", "law.rho[1]"} <= set(curves)
+    for i, table in enumerate(rpl.TABLE_1.values()):
+        band = curves[f"band[{i}]"]
+        assert band.row == "sliding variable" and band.reference and band.label == "δ"
+        for begin, end, delta in table:
+            inside = (band.x >= begin) & (band.x < end - 0.01)
+            assert {round(float(q), 6) for q in band.y[inside]} == {-delta, delta}
+    figure = plot(run)
+    axis = next(t.yaxis for t in figure.data if t.meta == "band[1]").replace("y", "yaxis")
+    assert figure.layout[axis].range == (-0.5, 0.5)
+    assert not any("band" in c.key for c in panels(simulate(rpl.loop("hosm"))))
+
+
+# ---- the film --------------------------------------------------------------------------------------------------------
+def shapes(film):
+    """{what: array of points} of the side view, without gaps."""
+    names = ("ground", "fire", "legs", "body")
+    return {n: np.array([q for q in zip(t.x, t.y, strict=True) if not math.isnan(q[0])])
+            for n, t in zip(names, film.figure.data, strict=False)}
+
+
+def test_the_lander_is_where_and_how_the_run_says(run):
+    film = flight(run)
+    for t in (0.0, 17.3, 120.0, 239.0):
+        film.show(t)
+        k = np.searchsorted(run.t, t - 1e-9)
+        seen = shapes(film)
+        assert seen["ground"][0, 1] == pytest.approx(max(-2.4 - run.x.altitude[k], -13.0))
+        across = seen["body"][1] - seen["body"][0]  # along the floor of the body
+        assert math.atan2(across[1], across[0]) == pytest.approx(run.x.theta[k] - math.pi/2, abs=1e-9)
+        assert f"altitude {run.x.altitude[k]:.1f} m" in film.said and f"t = {t:.2f} s" in film.said
+
+
+def test_flames_are_the_pulses(run):
+    film = flight(run)
+    for k in (40, 1000, 2401, 4700):
+        film.show(run.t[k])
+        left, right, attitude = shapes(film)["fire"].reshape(3, 3, 2)
+        sizes = [np.linalg.norm(q[1] - (q[0] + q[2])/2) for q in (left, right, attitude)]
+        assert (sizes[0] > 1e-9) == (sizes[1] > 1e-9) == (run.u[1][k] > 0.0)
+        assert (sizes[2] > 1e-9) == (run.u[0][k] != 0.0)
+        if run.u[0][k]:
+            down = (attitude[1] - (attitude[0] + attitude[2])/2)[1] < 0.0
+            assert down == (run.u[0][k] > 0.0)
+    failed = simulate(rpl.loop().with_(plant__left=0, plant__stuck=5.0), record=4800)
+    film = flight(failed)
+    film.show(60.0)
+    left, right, attitude = shapes(film)["fire"].reshape(3, 3, 2)
+    assert np.ptp(left[:, 1]) == pytest.approx(0.0, abs=0.1) and np.ptp(attitude[:, 1]) > 0.5
+
+
+def test_the_film_follows_the_newest_run(picture):
+    film = flight(picture)
+    film.show(200.0)
+    before = film._picture.y
+    picture.set(plant__offset=0.03)
+    assert film.run is picture.run and film.t == film.slider.max == pytest.approx(picture.run.t[-1], abs=0.05)
+    assert film.t < 200.0
+    assert film._picture.y != before
+    picture.mask.reset()
+    picture.wait()
+    assert film.slider.max > 239.0
+
+
+def test_play_and_slider_are_one(run):
+    film = flight(run)
+    film._play.value = 1200
+    assert film.t == pytest.approx(60.0) and "t = 60.00 s" in film.said
+    film.slider.value = 12.35
+    assert film._play.value == 247
+    film._speed.value = 40
+    assert film._play.step == 40
+
+
+@pytest.mark.parametrize("source", [1.0, rpl.loop()])
+def test_bad_sources(source):
+    with pytest.raises(ParameterError, match="it must be a live plot or a run of a lander"):
+        flight(source)
+
+
+def test_another_vehicle_is_refused():
+    with pytest.raises(ParameterError, match="flight: Run is not allowed"):
+        flight(simulate(smc.lv.loop("pd"), 1.0))
+
+
+def test_a_choice_of_another_vehicle_leaves_the_last_lander():
+    shown = live({"lander": rpl.loop(), "launcher": smc.lv.loop("pd")})
+    shown.wait()
+    film = flight(shown)
+    last = film.run
+    shown.mask.choice.value = "launcher"
+    shown.wait()
+    assert film.run is last
