@@ -64,7 +64,7 @@ def test_failures_act_where_they_should():
     assert torque_and_force(effectiveness=0.5) == pytest.approx((8.4, 2403.0))
     assert torque_and_force(stuck=5.0) == pytest.approx((16.8 + 14.0, 2411.0))
     assert torque_and_force(left=5) == pytest.approx((16.8, 6.0 + 2400*11/12))
-    assert torque_and_force(left=5, l_d=0.1) == pytest.approx((16.8 - 0.1*200, 2206.0))  # one side weaker turns the lander
+    assert torque_and_force(left=5, l_d=0.1) == pytest.approx((16.8 + 0.1*200, 2206.0))  # the right side turns as u_a does
     assert torque_and_force(m=1100.0, J=250.0, l_a=3.0) == pytest.approx((18.0, 2406.0))
     assert rpl.left_right(2400.0) == (1200.0, 1200.0)
 
@@ -310,7 +310,6 @@ def test_soft_landings(flights, law, stop):
         assert 0.05 - 1e-9 <= train.shortest_on < 10.0 and 0.05 - 1e-9 <= train.shortest_off < 60.0
         assert 0.0 < train.duty < 1.0
     assert descent.impulse == pytest.approx(1624.8*T, rel=3e-3)
-    assert "authority" not in " ".join(run.doubts())
 
 
 def test_pulses_grow_denser(flights):
@@ -372,12 +371,30 @@ def test_a_pid_with_other_gains_and_a_governed_command_lands(flights):
         assert np.all(np.array([q[0] for q in flights(law, stop=False).mean_e]) < [q[0] for q in paper.mean_e])
 
 
+@pytest.mark.parametrize("change, said", [
+    (dict(plant__m=1800.0), "full thrust, 2800 N, is less than the weight, 2880 N"),
+    (dict(actuator__descent__high=1500.0), "full thrust, 1500 N, is less than the weight, 1600 N"),
+    (dict(plant__left=0), "full thrust, 1400 N, is less than the weight, 1600 N")])
+def test_a_thrust_below_the_weight_is_why(flights, change, said):
+    verdict = rpl.landing(smc.simulate(rpl.loop().with_(**change)))
+    assert not verdict.soft and said in verdict.reasons and verdict.lost_at == 0.0 and verdict.touchdown[1] < -20.0
+    assert not any(q.startswith("velocity") for q in verdict.reasons)  # said once
+
+
+def test_verdict_of_odd_runs():
+    beyond = smc.simulate(rpl.loop().with_(plant__altitude=2e6))
+    assert beyond.diverged_at == 0.0 and "the start is beyond the limits" in str(rpl.landing(beyond))
+    own = rpl.loop().with_(allocation=smc.block(lambda v: (300.0/2.8*v[0], 1000.0*v[1] - 300.0/2.8*v[0])))
+    assert rpl.landing(smc.simulate(own, 10.0)).lost_at is None
+    twice = rpl.loop().with_(stop=None, reference__printed=True, plant__altitude=0.001, plant__velocity=-0.1)
+    assert rpl.landing(smc.simulate(twice, record=4800)).touchdown[1] < -5.0  # the second contact is the hard one
+
+
 def test_the_design_of_the_paper_tumbles(flights):
     run = flights("adaptive_smc", "paper")
     verdict = rpl.landing(run)
     assert not verdict.soft and np.ptp(run.x.theta) > 2*math.pi and verdict.velocity < -50.0
     assert verdict.lost_at < 10.0 and "Authority over the altitude was lost" in str(verdict)
-    assert any("authority over it is lost" in why for why in run.doubts())
     # (48), (49) ask at the start for what is not there
     e_a, de_a, e_d = math.pi/2 - 1.6, -0.1, -500.0
     assert abs(7*de_a + 25*e_a) > 10*0.14 and abs(4*e_d) > 700*2.8
@@ -495,6 +512,9 @@ def test_bad_dead_band_tables(table, words):
     (lambda: rpl.super_twisting_within.with_(high=-1.0), ["super_twisting_within: low = -0.14", "high = -1"]),
     (lambda: rpl.dead_band.with_(t_1=250.0), ["dead_band: t_1 = 250 s", "at most t_2 = 200 s"]),
     (lambda: rpl.off_pulse_smc.with_(t_2=50.0), ["off_pulse_smc: t_1 = 100 s", "at most t_2 = 50 s"]),
+    (lambda: rpl.lander.with_(theta=math.pi), ["theta = 3.14159 rad", "sin(theta) must be larger than 0"]),
+    (lambda: rpl.dead_bands(5), ["table = 5", "one to three rows of (begin [s], end [s], delta)"]),
+    (lambda: rpl.dead_bands([5]), ["table = [5]", "one to three rows of (begin [s], end [s], delta)"]),
     (lambda: rpl.lander.with_(left=7), ["left = 7", "a whole number from 0 to 6"]),
     (lambda: simulate(rpl.loop().with_(actuator__attitude__pulse=5e-4)), ["attitude__pulse = 0.0005 s", "tau = 0.05 s"]),
     (lambda: simulate(rpl.loop().with_(actuator__attitude__pulse=5e-4, tau=None)), ["pulse = 0.0005 s", "tau = 0.001 s"]),

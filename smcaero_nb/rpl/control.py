@@ -309,15 +309,7 @@ def pid_within(e, z, tau, k_p: Proportional = 10.0, k_i: Integral = 0.1, k_d: De
     return v, (integral if waits and outward(v, e[0], low, high) else integral + tau*e[0],)
 
 
-def authority(values, ys):
-    """The condition that the descent thrust can hold the lander: what `allocation` assumes of the output."""
-    least = min(math.sin(y[0][0]) for y in ys)
-    if least < values["s_hover"]:
-        return (f"sin(theta) falls to {least:.3g}, below s_hover = {values['s_hover']:.3g}: the thrust cannot hold the altitude, "
-                "authority over it is lost")
-
-
-@block(theorem=authority)
+@block
 def allocation(y, v, m: Annotated[float, Param("m_0", "kg", low=1.0, help="mass that the control assumes",
                                                slider=(500.0, 2000.0))] = 1000.0,
                J: Annotated[float, Param("J_0", "kg m^2", low=1.0, help="inertia that the control assumes",
@@ -327,9 +319,7 @@ def allocation(y, v, m: Annotated[float, Param("m_0", "kg", low=1.0, help="mass 
                                                    slider=(0.0, 2.0))] = 0.0,
                guard: Annotated[bool, Param("guard extension", help="extension: bound 1/sin(theta); off: as printed")] = True,
                s_min: Annotated[float, Param("s_{min}", low=0.01, high=1.0,
-                                             help="extension: least sin(theta) to divide by")] = 0.5,
-               s_hover: Annotated[float, Param("s_h", low=0.0, high=1.0,
-                                               help="sin(theta) at which full thrust just holds the lander")] = 0.571
+                                             help="extension: least sin(theta) to divide by")] = 0.5
                ) -> (Param("u_a", "N"), Param("u_d", "N")):
     r"""Thrusts from virtual controls: the inverse of the lander's B.
 
@@ -352,8 +342,6 @@ def allocation(y, v, m: Annotated[float, Param("m_0", "kg", low=1.0, help="mass 
         Extension: the bound s_min, and no thrust where it would point down. Off: 1/sin(theta) as it is.
     s_min : float
         Least sin(theta) to divide by.
-    s_hover : float
-        m g_m/u_max: below it authority over the altitude is lost, which `Run.doubts` and `landing` tell.
 
     Returns
     -------

@@ -47,7 +47,7 @@ def left_right(u) -> (Param("u_l", "N"), Param("u_r", "N")):
 
 def upright(values):
     """The condition that the lander starts with its thrust pointing up."""
-    if math.sin(values["theta"]) <= 0.0:
+    if math.sin(values["theta"]) <= 1e-9:  # pi in float64 is a little less
         return (f"theta = {values['theta']:g} rad is not allowed to start with; sin(theta) must be larger than 0, as from 0 to "
                 f"{math.pi:.4g} rad, pi/2 being upright, or the thrust pushes the lander down")
 
@@ -63,7 +63,7 @@ def lander(x, u, d, m: Mass = 1000.0, J: Inertia = 300.0, l_a: Arm = 2.8, g_m: G
 
     .. math::
 
-        J_{yy}\ddot\theta &= l_a (\eta_a u_a + u_s) + (\epsilon_d + l_d)\,u_l + (\epsilon_d - l_d)\,u_r + J_{yy}\varphi_a \\
+        J_{yy}\ddot\theta &= l_a (\eta_a u_a + u_s) + (\epsilon_d - l_d)\,u_l + (\epsilon_d + l_d)\,u_r + J_{yy}\varphi_a \\
         m\ddot x &= \sin\theta\,(\eta_a u_a + u_s + u_l + u_r) - m g_m + m\varphi_d, \qquad
         u_l = \tfrac{n_l}{6}\tfrac{u_d}{2}, \quad u_r = \tfrac{n_r}{6}\tfrac{u_d}{2}
 
@@ -113,7 +113,7 @@ def lander(x, u, d, m: Mass = 1000.0, J: Inertia = 300.0, l_a: Arm = 2.8, g_m: G
     attitude = effectiveness*u[0] + stuck
     half_l, half_r = left_right(u[1])
     u_l, u_r = left*half_l/6.0, right*half_r/6.0
-    return (x[1], (l_a*attitude + (offset + l_d)*u_l + (offset - l_d)*u_r)/J + d[0],
+    return (x[1], (l_a*attitude + (offset - l_d)*u_l + (offset + l_d)*u_r)/J + d[0],
             x[3], math.sin(x[0])*(attitude + u_l + u_r)/m - g_m + d[1])
 
 

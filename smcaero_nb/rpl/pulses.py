@@ -127,14 +127,19 @@ def dead_bands(table):
     >>> dead_band.with_(**dead_bands([(0, 100, 0.1), (100, 200, 0.075), (200, 240, 0.05)]))(150.0)
     0.075
     """
-    rows = [tuple(Param(low=0.0).check("dead_bands", f"table[{i}]", v) for v in row) for i, row in enumerate(table)]
+    try:
+        rows = [tuple(row) for row in table]
+    except TypeError:
+        rows = []
     if not 1 <= len(rows) <= 3 or any(len(row) != 3 for row in rows):
-        raise ParameterError(f"dead_bands: table = {rows} is not allowed; it must be one to three rows of "
+        raise ParameterError(f"dead_bands: table = {table!r} is not allowed; it must be one to three rows of "
                              "(begin [s], end [s], delta)")
+    rows = [tuple(Param(low=0.0).check("dead_bands", f"table[{i}]", v) for v in row) for i, row in enumerate(rows)]
     last = 0.0
     for i, (begin, end, _) in enumerate(rows):
-        if begin != last or not end > begin:
-            what = "overlap" if begin < last else "gap" if begin > last else "interval without duration"
+        meets = math.isclose(begin, last, rel_tol=1e-9)
+        if not (meets and end > begin):
+            what = "interval without duration" if meets else "overlap" if begin < last else "gap"
             raise ParameterError(f"dead_bands: table[{i}] from {begin:g} to {end:g} s is not allowed, {what}; it must begin at "
                                  f"{last:g} s and end later")
         last = end

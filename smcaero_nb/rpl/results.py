@@ -6,14 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..core import ParameterError
-from .control import allocation
 
 __all__ = ["Landing", "Pulses", "landing", "pulses"]
 
 DEG = math.pi/180.0
-#: What "softly" means at the end: {attribute: (greatest size, factor and unit to say it in)}.
-SOFT = {"altitude": (0.5, 1.0, "m"), "velocity": (0.5, 1.0, "m/s"), "e_theta": (DEG, 1.0/DEG, "deg"),
-        "dtheta": (1.14*DEG, 1.0/DEG, "deg/s")}
+#: What "softly" means at the end: {what: (greatest size, factor and unit to say it in)}.
+SOFT = {"altitude": (0.5, 1.0, "m"), "velocity": (0.5, 1.0, "m/s"), "pitch error": (DEG, 1.0/DEG, "deg"),
+        "pitch rate": (1.14*DEG, 1.0/DEG, "deg/s")}
 
 
 @dataclass(frozen=True)
@@ -25,9 +24,9 @@ class Landing:
     t, altitude, velocity, e_theta, dtheta : float
         The end: time [s], altitude [m], vertical velocity [m/s], pitch error [rad] and pitch rate [rad/s].
     touchdown : tuple of 2 float, or None
-        Time [s] and vertical velocity [m/s] at the first contact with the ground.
+        Time [s] and vertical velocity [m/s] at the hardest contact with the ground.
     lost_at : float or None
-        When the thrust, tilted, could no longer hold the lander: authority over the altitude was lost [s].
+        When full thrust could no longer hold the lander, for its tilt or its weight: authority over the altitude was lost [s].
     reasons : tuple of str
         Why it was not soft; empty if it was. A landing is true if it was soft.
     """
@@ -66,30 +65,33 @@ def landing(run):
     Notes
     -----
     Softly means at the end, at contact or at T: \|x\| < 0.5 m, \|x'\| < 0.5 m/s, \|e_theta\| < 1 deg, \|theta'\| < 1.14 deg/s,
-    and no contact faster than 0.5 m/s before it. Without `stop` the contact is found between two recorded rows.
+    and no contact faster than 0.5 m/s before it. Without `stop` contacts are found between two recorded rows.
 
     References
     ----------
     Paper, section "Simulation results and discussions": the bounds of the rates.
     """
     x, v, t = run.x.altitude, run.x.velocity, run.t
-    end = dict(t=t[-1], altitude=x[-1], velocity=v[-1], e_theta=run.e[0][0][-1], dtheta=run.x.dtheta[-1])
-    below = np.flatnonzero(x <= 0.0)
+    if not len(t):
+        return Landing(*[math.nan]*5, None, None, ("the start is beyond the limits of the plant",))
+    sizes = dict(zip(SOFT, (float(q) for q in (x[-1], v[-1], run.e[0][0][-1], run.x.dtheta[-1])), strict=True))
     touchdown, reasons = None, []
-    if len(below):
-        k = below[0]
+    for k in np.flatnonzero((x <= 0.0) & (np.append(math.inf, x[:-1]) > 0.0)):
         share = x[k - 1]/(x[k - 1] - x[k]) if k and run.stopped_at is None else 1.0
-        touchdown = tuple(float(q[k - 1] + share*(q[k] - q[k - 1]) if k else q[0]) for q in (t, v))
-        if abs(touchdown[1]) >= SOFT["velocity"][0]:
-            reasons.append(f"it hit the ground after {touchdown[0]:.1f} s at {touchdown[1]:.1f} m/s")
+        contact = tuple(float(q[k - 1] + share*(q[k] - q[k - 1]) if k else q[0]) for q in (t, v))
+        touchdown = min(touchdown or contact, contact, key=lambda q: q[1])
+    if touchdown and abs(touchdown[1]) >= SOFT["velocity"][0]:
+        reasons.append(f"it hit the ground after {touchdown[0]:.1f} s at {touchdown[1]:.1f} m/s")
     if run.diverged_at is not None:
         reasons.append(f"it diverged after {run.diverged_at:.1f} s")
-    reasons += [f"{n} = {end[n]*factor:.3g} {unit} at {t[-1]:.1f} s, not within {bound*factor:.3g} {unit}"
-                for n, (bound, factor, unit) in SOFT.items() if not abs(end[n]) < bound]
-    hover = (run.loop.stages["allocation"] or allocation).values["s_hover"]
-    lost = np.flatnonzero(np.sin(run.x.theta) < hover)
-    return Landing(**{n: float(q) for n, q in end.items()}, touchdown=touchdown, reasons=tuple(reasons),
-                   lost_at=float(t[lost[0]]) if len(lost) else None)
+    p, limits = run.loop.stages["plant"].values, run.loop.stages["actuator"].values if run.loop.stages["actuator"] else {}
+    thrust, weight = (p["left"] + p["right"])/12*limits.get("descent__high", math.inf), p["m"]*p["g_m"]
+    if thrust <= weight:
+        reasons.append(f"full thrust, {thrust:.0f} N, is less than the weight, {weight:.0f} N")
+    reasons += [f"{n} = {q*SOFT[n][1]:.3g} {SOFT[n][2]} at {t[-1]:.1f} s, not within {SOFT[n][0]*SOFT[n][1]:.3g} {SOFT[n][2]}"
+                for n, q in sizes.items() if not abs(q) < SOFT[n][0] and not (n == "velocity" and reasons)]
+    lost = np.flatnonzero(np.sin(run.x.theta)*thrust <= weight)
+    return Landing(float(t[-1]), *sizes.values(), touchdown, float(t[lost[0]]) if len(lost) else None, tuple(reasons))
 
 
 @dataclass(frozen=True)
