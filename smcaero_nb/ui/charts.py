@@ -281,4 +281,4 @@ def _vector(found):
         traces.append(_line(q.t, z, label, COLOURS[1] if q.prd else COLOURS[0], at, True))
         ranges.append(_reach(z))
     axes, height = _stack([n for n, _ in rows], ranges, "t [s]")
-    return traces, axes | dict(margin=dict(LAYOUT["margin"], l=100)), height
+    return traces, axes | dict(margin=dict(LAYOUT["margin"], l=88)), height
