@@ -18,7 +18,7 @@ long run(const double *P, double dt, double tau, long m, long n, long every, lon
     double slo[2], shi[2], ulo[2], uhi[2], iv[2] = {0, 0}, sv[2] = {0, 0}, held[2] = {0, 0}, last[2] = {0, 0};
     double var[2] = {0, 0}, turns[2] = {0, 0}, ms[2] = {0, 0}, mu[2] = {0, 0}, se[4] = {0, 0, 0, 0}, eh[4] = {0, 0, 0, 0}, su[2] = {0, 0}, me[4] = {0, 0, 0, 0};
     const double a = 1.0/1440.0, b = -11.0/48.0, half_pi = 0.5*3.141592653589793, J = V[1], mass = V[0];
-    const double arm_l = V[4] + V[9], arm_r = V[4] - V[9];
+    const double arm_l = V[4] - V[9], arm_r = V[4] + V[9];
     long k, sample = 0, row = 0;
     for (int c = 0; c < 2; c++) { slo[c] = ulo[c] = HUGE_VAL; shi[c] = uhi[c] = -HUGE_VAL; }
     *rows = 0;
