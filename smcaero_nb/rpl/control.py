@@ -67,7 +67,7 @@ def braking(e, c_0: Slope = 7.0, a_b: Brake = 0.05) -> Param("f(e)", "[sigma]"):
     Notes
     -----
     Not in the paper: an extension. The linear :math:`\sigma = \dot e + c_0 e` asks for a deceleration :math:`c_0^2 |e|`: 1.4
-    rad/s^2 in attitude where 0.14 is to be had, 2000 m/s^2 in altitude where 1 is.
+    rad/s^2 in attitude where 0.14 is to be had, 3920 m/s^2 in altitude where 1.2 is.
     """
     size = abs(e)
     e_L = a_b/(c_0*c_0) if c_0 > 0.0 else math.inf

@@ -84,9 +84,10 @@ def loop(law="adaptive_smc", preset="recommended"):
     from the study's (gamma 0.02, mu 0.01): of 500 descents from random states all land softly, not 499. The PID (57) is read in
     degrees; in rad it is unstable. The recommended PID has other gains and a governed command.
 
-    Errata: the paper's design (48), (49) asks for ten times the attitude thrust and a thousand times the descent thrust there is:
-    it tumbles. Nothing can reproduce its Table 2: a landing from -10 m/s within 240 s takes a mean thrust of 1624.6 N, whatever
-    the law, but the table has 1513, 2552 and 10220 N.
+    Errata: the paper's design (48), (49) asks at the start for ten times the attitude thrust there is, and to fall with 2000
+    m/s^2, where gravity gives 1.6: it tumbles. Nothing can reproduce its Table 2: a landing from -10 m/s within 240 s takes a
+    mean thrust of 1624.6 N, whatever the law, but the table has 1513, 2552 and 10220 N. The command is the exact cubic in every
+    preset; ``reference__printed=True`` flies the printed one. For no perturbation set ``perturbation__phi_a=0.0`` and ``phi_d``.
 
     References
     ----------

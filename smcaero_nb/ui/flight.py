@@ -183,8 +183,8 @@ def flight(source):
 
     Notes
     -----
-    The descent thrust is drawn by its two sides, (47), the attitude thruster on its arm: up for u_a > 0, which turns the lander
-    to the left. Failed and stuck thrusters of the plant are drawn as they fire.
+    The descent thrust is drawn by its two sides, (47), the attitude thruster on its arm: its flame down for u_a > 0, which turns
+    the lander to the left. Failed and stuck thrusters of the plant are drawn as they fire.
 
     Examples
     --------
