@@ -2,6 +2,7 @@
 
 import _thread
 import math
+import signal
 import subprocess
 import sys
 import threading
@@ -451,7 +452,7 @@ def test_newest_setting_wins(slow):
 
 
 def test_interrupt_cancels(slow):
-    interrupted = threading.Event()
+    interrupted, handler = threading.Event(), signal.signal(signal.SIGINT, signal.default_int_handler)  # a test may have changed it
 
     def press():
         while not interrupted.wait(1.0):  # Python drops an interrupt that comes while it clears up objects
@@ -461,6 +462,7 @@ def test_interrupt_cancels(slow):
     with pytest.raises(KeyboardInterrupt):
         slow.set(law__rho=3.0)
     interrupted.set()
+    signal.signal(signal.SIGINT, handler)
     slow.wait()
     assert "Cancelled" in slow.status
 
