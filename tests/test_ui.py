@@ -452,7 +452,8 @@ def test_newest_setting_wins(slow):
 
 
 def test_interrupt_cancels(slow):
-    interrupted, handler = threading.Event(), signal.signal(signal.SIGINT, signal.default_int_handler)  # a test may have changed it
+    interrupted = threading.Event()
+    handler = signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell may start what runs in its background without it
 
     def press():
         while not interrupted.wait(1.0):  # Python drops an interrupt that comes while it clears up objects
