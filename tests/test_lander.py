@@ -313,10 +313,13 @@ def test_soft_landings(flights, law, stop):
 
 
 def test_pulses_grow_denser(flights):
+    """Those of the 1-SMC; the modulator of the 2-SMC has no dead band, and its attitude pulses stay as dense as they are."""
     attitude, descent = (train.rates for train in rpl.pulses(flights("adaptive_smc", stop=False)))
     assert attitude[0] < attitude[1] < attitude[2]
     constant = rpl.pulses(flights("adaptive_smc", stop=False, law__attitude__delta_2=0.05, law__attitude__delta_3=0.05))[0].rates
     assert attitude[2] > 2*constant[2]  # the dead band does it
+    modulated = rpl.pulses(flights("adaptive_super_twisting", stop=False))[0].rates
+    assert max(modulated) < 1.25*min(modulated) and min(modulated) > 4.5  # lander.md: 5.66, 5.64, 5.30 per second
     for law in ("adaptive_smc", "adaptive_super_twisting"):
         first, second, third = rpl.pulses(flights(law, stop=False))[1].rates
         assert (second*100 + third*40)/140 > first

@@ -389,7 +389,7 @@ hosm = pytest.mark.parametrize("row", HOSM, ids=lambda row: row.preset)
 def test_control_of_the_hosm_designs(row):
     run = simulate(lv.loop("hosm", row.preset), tail=1/3)
     assert run.max_u == pytest.approx(row.max_u, rel=0.03)
-    assert run.metrics().variation_u == pytest.approx(row.variation, rel=0.1)
+    assert run.metrics().variation_u == pytest.approx(row.variation, rel=0.03)
 
 
 def test_the_gain_of_the_hosm_design_once_large_comes_down(runs):

@@ -58,7 +58,7 @@ def beside_c(rounds):
 
 
 def descents(n=500):
-    """Time of n descents from random states, each to touchdown."""
+    """Time of n descents from random states, each to touchdown; True if all land softly."""
     loop, rng = smc.rpl.loop(), np.random.default_rng(0)
     smc.simulate(loop, 0.05)
     soft = []
@@ -70,9 +70,9 @@ def descents(n=500):
 
     time = sum(beside.seconds(descend) for _ in range(n))
     print(f"  {sum(soft)} of {n} descents from random states land softly, in {time:.1f} s")
+    return all(soft)
 
 
 if __name__ == "__main__":
     held = beside_c(beside.rounds_asked(15))
-    descents()
-    sys.exit(not held)
+    sys.exit(not (descents() and held))
