@@ -592,15 +592,15 @@ def test_offer():
     m.observe(lambda change: seen.append(change.new.name), "target")
     m.set(k=5.0)
     m.offer("more", narrow)
-    assert m.choice in m._head.children and m.choice.value == "more" and m.choice.options == ("", "more")
+    assert m.choice in m._head.children and m.choice.value == "more" and m.choice.options == ("moded", "more")
     assert seen == ["moded", "narrow"] and m.values["k"] == 5.0 and "own" in m.widgets
     m.set(own=4.0)
     m.offer("more", narrow.with_(own=9.0))  # under the same name: it takes the place of the other
-    assert m.choice.options == ("", "more") and m.values["own"] == 9.0 and m.entries["own"].value == "9"
+    assert m.choice.options == ("moded", "more") and m.values["own"] == 9.0 and m.entries["own"].value == "9"
     m.set(own=1.0)
     m.reset()
     assert m.values["own"] == 9.0
-    m.choice.value = ""
+    m.choice.value = "moded"
     assert m.target.name == "moded" and m.values["k"] == 5.0
 
 
@@ -756,7 +756,7 @@ def test_another_column_is_another_signal(own):
     assert own.live.run.f[-1] == 199.0  # still the last good one
     own.take("mine.csv", csv(start=100))  # the same name again
     own.live.wait()
-    assert own.live.run.t[0] == 1.0 and own.live.mask.choice.options == ("", "mine.csv")
+    assert own.live.run.t[0] == 1.0 and own.live.mask.choice.options == ("differentiation", "mine.csv")
 
 
 @pytest.mark.parametrize("head, chosen", [("t,f", "tf"), ("F,T", "TF"), ("row,t,y", "ty"), ("y,t", "ty"), (",t,y", "ty"),
