@@ -317,7 +317,9 @@ def test_plot():
 # ---- live plots --------------------------------------------------------------------------------------------------
 @pytest.fixture
 def picture():
-    return live(LOOPS["quasi_smc"], states=("beta",))
+    p = live(LOOPS["quasi_smc"], states=("beta",))
+    p.wait()
+    return p
 
 
 def test_curves_follow_the_mask(picture):
@@ -361,6 +363,7 @@ def test_diverged_and_refused_settings_keep_the_curves(picture):
 
 def test_a_loop_that_diverges_from_the_start_is_shown_as_far_as_it_goes():
     picture = live(smc.lv.loop("quasi_smc", "paper"))
+    picture.wait()
     assert picture.status.endswith("the curves end there.") and picture.curves["y"].x[-1] < 30.0
 
 
@@ -385,6 +388,7 @@ def test_a_failing_block_is_told_in_words():
 
 def test_choice_of_a_loop_changes_the_panels():
     picture = live({"PD": LOOPS["pd"], "adaptive": LOOPS["adaptive_super_twisting"]})
+    picture.wait()
     height = picture.figure.layout.height
     assert "sigma" not in picture.curves
     picture.mask.choice.value = "adaptive"
@@ -408,6 +412,7 @@ def slow(monkeypatch):
         return real(loop, *args, progress=progress, **options)
 
     picture = live(LOOPS["quasi_smc"])
+    picture.wait()
     monkeypatch.setattr(board, "simulate", simulate)
     picture.gate = gate
     yield picture
