@@ -40,7 +40,8 @@ DATA = """live => { const curves = live.querySelector('.js-plotly-plot').data;
 CHANGED = """(live, before) => { const curves = live.querySelector('.js-plotly-plot').data;
                          const runs = Object.keys(before).filter(k => ['y', 'sigma', 'u', 'phase'].includes(k));
                          return runs.length ? runs.every(k => curves.find(c => c.meta === k).y.some((v, i) => v !== before[k][i]))
-                                            : curves.some((c, i) => !before[i] || c.y.some((v, j) => v !== before[i][j])) }"""
+                                            : curves.some((c, i) => { const was = before[c.meta ?? i];
+                                                                       return !was || c.y.some((v, j) => v !== was[j]) }) }"""
 
 
 def mask_drives_the_plot(nb, live):
