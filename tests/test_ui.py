@@ -895,3 +895,12 @@ def test_an_observers_estimate_has_a_panel_of_its_own():
     place = f"yaxis{drawn.yaxis[1:]}"
     assert figure.layout[place].title.text.startswith("ξ\u0302")
     assert [t.meta for t in figure.data if t.yaxis == drawn.yaxis] == ["allocation.xi"]
+
+
+def test_whatever_goes_wrong_with_an_own_file_is_said(drawn):
+    def make(signal):
+        raise RuntimeError("no such thing")
+
+    own = upload(drawn, smc.differentiators.read_csv, make)
+    own.take("a.csv", b"t,f\n0,1\n1,2\n")
+    assert own.status == "RuntimeError: no such thing" and drawn.mask.choice.value != "a.csv"

@@ -7,7 +7,7 @@ import ipywidgets as W
 import plotly.graph_objects as go
 import traitlets
 
-from ..core import BlockError, ClosedLoop, ParameterError, simulate
+from ..core import ClosedLoop, simulate
 from ..core.param import unknown
 from .charts import figure
 from .form import Mask
@@ -15,7 +15,7 @@ from .job import Job
 from .own import Download
 from .panels import draw, metrics_html, panels, structure, verdict_html
 from .picture import Picture
-from .words import result_html, why_diverged
+from .words import result_html, why_diverged, why_not
 from .worker import Dropped
 
 __all__ = ["Live", "live"]
@@ -135,8 +135,7 @@ class Live(W.Box):
         except Dropped as why:
             text = f"Cancelled; {KEPT}." if why.args == ("cancelled",) else ""
         except (Exception, SystemExit) as why:  # a block may raise anything: a person reads it, and the page goes on
-            text = f"{why if isinstance(why, (ParameterError, BlockError)) else f'{type(why).__name__}: {why}'}"
-            text += f"; {KEPT}." if self.run else "."
+            text = f"{why_not(why)}; {KEPT}." if self.run else f"{why_not(why)}."
         self._say(text, refused)
 
     def _simulated(self, choice, run):

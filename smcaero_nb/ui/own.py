@@ -13,7 +13,7 @@ import traitlets
 
 from ..core import ParameterError, Table
 from .form import Page
-from .words import said_html
+from .words import said_html, why_not
 
 __all__ = ["Download", "TransferFunction", "Upload", "transfer_function", "upload"]
 
@@ -70,8 +70,8 @@ class Own(W.VBox):
         """Offer what `make` returns, (name, block, what to say), or say why not."""
         try:
             name, made, said = make()
-        except ParameterError as why:
-            self._message.value = said_html(str(why), True)
+        except Exception as why:  # what a person brings may be anything: it is said, and the page goes on
+            self._message.value = said_html(why_not(why), True)
             return
         self._message.value = said_html(said, False)
         self.live.mask.offer(name, made)

@@ -3,14 +3,14 @@
 import ipywidgets as W
 import plotly.graph_objects as go
 
-from ..core import BlockError, ClosedLoop, ParameterError, accuracy, simulate
+from ..core import ClosedLoop, ParameterError, accuracy, simulate
 from .board import FIRST, ROWS, Live
 from .charts import figure
 from .form import Page
 from .job import Job
 from .panels import LAW, comparison_html, draw, panels
 from .picture import Picture
-from .words import said_html, why_diverged
+from .words import said_html, why_diverged, why_not
 from .worker import Dropped
 
 __all__ = ["Certificate", "Compare", "certificate", "compare"]
@@ -60,7 +60,7 @@ class Study(W.VBox):
         except Dropped as why:
             said = "Cancelled." if why.args == ("cancelled",) else ""
         except Exception as why:  # a block may raise anything: a person reads it, and the page goes on
-            said = str(why) if isinstance(why, (ParameterError, BlockError)) else f"{type(why).__name__}: {why}"
+            said = why_not(why)
         self._say(said, refused)
 
     def _say(self, text, refused=False):

@@ -6,9 +6,11 @@ import math
 import re
 import unicodedata
 
+from ..core import BlockError, ParameterError
 from ..core.signal import flat
 
-__all__ = ["UNKNOWN", "doc_html", "label", "measure", "result_html", "said_html", "shown", "symbol", "unit_html", "why_diverged"]
+__all__ = ["UNKNOWN", "doc_html", "label", "measure", "result_html", "said_html", "shown", "symbol", "unit_html", "why_diverged",
+           "why_not"]
 
 SPELT = {"varepsilon": "EPSILON", "varphi": "PHI", "vartheta": "THETA", "lambda": "LAMDA", "lam": "LAMDA"}
 OTHER = {"int": "∫", "infty": "∞", "partial": "∂", "nabla": "∇", "ell": "ℓ", "cdot": "·"}
@@ -73,6 +75,11 @@ def measure(values, factor, unit):
 def said_html(text, refused):
     """A message, as a refusal or as a remark."""
     return text and f'<span class="smcaero-{"bad" if refused else "good"}">{html.escape(text, quote=False)}</span>'
+
+
+def why_not(error):
+    """What an exception says to a person: the kit's own words, or another's with its kind."""
+    return str(error) if isinstance(error, (ParameterError, BlockError)) else f"{type(error).__name__}: {error}"
 
 
 def result_html(result):
