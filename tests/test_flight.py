@@ -110,11 +110,11 @@ def test_flames_are_the_pulses(run):
 def test_the_film_follows_the_newest_run(picture):
     film = flight(picture)
     film.show(200.0)
-    before = film._picture.y
+    before = film._picture.curves.y
     picture.set(plant__offset=0.03)
     assert film.run is picture.run and film.t == film.slider.max == pytest.approx(picture.run.t[-1], abs=0.05)
     assert film.t < 200.0
-    assert film._picture.y != before
+    assert film._picture.curves.y != before
     picture.mask.reset()
     picture.wait()
     assert film.slider.max > 239.0

@@ -86,7 +86,7 @@ def test_form_follows_the_metadata():
     assert (order.min, order.max, order.description) == (1, 5, "$n$")
     assert m.widgets["smooth"].description == "smooth"
     assert m.widgets["free"].min <= -3.0 < m.widgets["free"].max
-    assert m.page.names["gain"] == ("gain [v]/[sigma]^1/2", False)
+    assert m.page.told.names["gain"] == ("gain [v]/[sigma]^1/2", False)
 
 
 @pytest.mark.parametrize("law", LOOPS)
@@ -339,7 +339,7 @@ def test_curves_follow_the_mask(picture):
 
 def test_a_page_loaded_anew_gets_the_curves_of_now(picture):
     picture.set(law__rho=4.0)
-    state, u = picture._picture.get_state(), list(picture.curves).index("u")
+    state, u = picture._picture.curves.get_state(), list(picture.curves).index("u")
     assert state["drawing"]["traces"][u]["meta"] == "u" and "y" not in state["drawing"]["traces"][u]
     for n in ("x", "y"):
         np.testing.assert_array_equal(np.frombuffer(state[n][u], np.float32), getattr(picture.curves["u"], n))
@@ -394,7 +394,7 @@ def test_choice_of_a_loop_changes_the_panels():
     picture.mask.choice.value = "adaptive"
     picture.wait()
     assert {"sigma", "law.lam"} <= set(picture.curves) and picture.figure.layout.height > height
-    assert [t["meta"] for t in picture._picture.drawing["traces"]] == list(picture.curves)
+    assert [t["meta"] for t in picture._picture.curves.drawing["traces"]] == list(picture.curves)
     picture.mask.choice.value = "PD"
     picture.wait()
     assert "sigma" not in picture.curves and picture.figure.layout.height == height
@@ -619,7 +619,7 @@ def drawn():
 
 def sent(picture):
     """[(x, y)] as the page gets them."""
-    pairs = zip(picture._picture.x, picture._picture.y, strict=True)
+    pairs = zip(picture._picture.curves.x, picture._picture.curves.y, strict=True)
     return [tuple(np.frombuffer(q, np.float32).tolist() for q in pair) for pair in pairs]
 
 
@@ -629,9 +629,9 @@ def test_a_block_is_called_and_drawn(drawn):
     drawn.mask.widgets["k"].value = 5.0
     drawn.mask.widgets["mode"].value = "fast"
     drawn.wait()
-    assert sent(drawn) == [([0.0, 1.0], [0.0, 10.0])] and drawn._picture.drawing["traces"][0]["name"] == "fast"
+    assert sent(drawn) == [([0.0, 1.0], [0.0, 10.0])] and drawn._picture.curves.drawing["traces"][0]["name"] == "fast"
     assert drawn.figure.data[0].y == (0.0, 10.0) and drawn.run.data[0].name == "fast"
-    assert drawn._metrics.value == "" and drawn._download.file == ""  # a picture has no numbers to take away
+    assert drawn._metrics.value == "" and drawn._download.saved.file == ""  # a picture has no numbers to take away
 
 
 @pytest.mark.parametrize("k, said", [(95.0, "ZeroDivisionError: no k so large"), (85.0, "SystemExit: leaving"),
@@ -686,7 +686,7 @@ def test_any_figure_of_plotly_is_drawn_as_it_is():
     for k, trace in enumerate(made):
         p.set(k=k)
         assert p.status == ""
-        here, (x, y) = p._picture.drawing["traces"][0], sent(p)[0]
+        here, (x, y) = p._picture.curves.drawing["traces"][0], sent(p)[0]
         for q, numbers in (("x", x), ("y", y)):
             wanted = trace[q] if q in trace else None
             if numbers:  # as float32
@@ -702,7 +702,7 @@ def test_a_trial_is_drawn_said_and_saved():
     assert p.run.estimates.shape == (2, 1001) and p.status == ""
     np.testing.assert_array_equal(sent(p)[1][1], p.run.estimates[0].astype(np.float32))
     assert "L = 2; greatest errors in the second half: |z<sub>0</sub> - f|" in p._metrics.value
-    button, messages = p._download, []
+    button, messages = p._download.saved, []
     assert button.file == "two tones, estimates.csv"
     button.send = lambda content, buffers: messages.append(buffers)
     button._handle_custom_msg({}, [])  # pressed
@@ -744,7 +744,7 @@ def test_a_file_of_ones_own(own):
     assert own.status.startswith("mine.csv: 200 rows, 2 columns, delimiter comma; t = 't' [s], f = 'f'")
     assert own.live.mask.choice.value == "mine.csv" and own.live.status == "" and "smcaero-good" in own._message.value
     np.testing.assert_allclose(own.live.run.f, np.sin(0.01*np.arange(200)), atol=1e-6)
-    assert own.live._download.file == "mine, estimates.csv"
+    assert own.live._download.saved.file == "mine, estimates.csv"
     assert own._head.children == (own.button, *own.entries.values())
     assert [(w.options, w.value) for w in own.entries.values()] == [(("–", "t", "f"), "t"), (("–", "t", "f"), "f")]
 

@@ -104,7 +104,7 @@ class Flight(W.VBox):
         self._speed = W.Dropdown(options=SPEEDS, value=self._play.step)
         W.link((self._speed, "value"), (self._play, "step"))
         head, below = W.HBox([self._play, self.slider, self._speed]), W.VBox([self._text, self._picture])
-        super().__init__([head, below, Page(names={"flight": ("time s", False), "speed": ("speed of the film", False)})])
+        super().__init__([head, below, Page(flight=("time s", False), speed=("speed of the film", False))])
         for w, name in ((self, "study"), (self, "flight"), (head, "choices"), (below, "plot"), (self._text, "moment"),
                         (self.slider, "set-flight"), (self._speed, "set-speed")):
             w.add_class(f"smcaero-{name}")

@@ -24,12 +24,26 @@ DESIGN = ("differentiator", "surface", "law", "allocation", "actuator")  # what 
 WORLD = ("reference", "perturbation", "output", "plant")
 
 
+class _Names(W.Widget):
+    """Of each control: accessible name, and whether its slider is logarithmic."""
+
+    names = traitlets.Dict().tag(sync=True)
+
+
 class Page(anywidget.AnyWidget):
     """What ipywidgets leave out in the page: accessible names, live announcements, the fit of the plot."""
 
     _esm = HERE / "page.js"
     _css = HERE / "page.css"
-    names = traitlets.Dict().tag(sync=True)  # of each control: accessible name, and whether its slider is logarithmic
+    told = traitlets.Instance(W.Widget).tag(sync=True, **W.widget_serialization)
+
+    def __init__(self, **names):
+        super().__init__(told=_Names(names=names))
+
+    def tell(self, names):
+        """Name more controls."""
+        self.told.names = self.told.names | names
+
 
 def _blocks(prefix, b):
     """(prefix, block) of a stage, those of channels one by one."""
@@ -351,7 +365,7 @@ class Mask(W.VBox):
         shared = dict(layout=W.Layout(), slider=W.FloatSlider.style.klass(), text=W.Text.style.klass())
         rows = {n: _Row(n, *known[n], self._asked, shared) for n in names}
         said = {n: (f"{n.replace('__', ' ')} {known[n][0].unit}".removesuffix(" 1"), known[n][0].log) for n in names}
-        self.page.names = self.page.names | said
+        self.page.tell(said)
         groups = [(title, b, [rows[n].box for n in group if n in rows], folded and include is None)
                   for title, b, group, folded in _groups(target)]
         return rows, [_Fold(*group, shared) for group in groups if group[2]]

@@ -20,20 +20,25 @@ __all__ = ["Download", "TransferFunction", "Upload", "transfer_function", "uploa
 NOTHING = "–"
 
 
+class _Saved(W.Widget):
+    """What a button saves: asked for it, the text comes as a message."""
+
+    file = traitlets.Unicode().tag(sync=True)  # its name; empty: no button
+
+
 class Download(anywidget.AnyWidget):
     """A button that saves what `make` returns, a text, as a file."""
 
     _esm = pathlib.Path(__file__).parent / "download.js"
-    file = traitlets.Unicode().tag(sync=True)  # its name; empty: no button
+    saved = traitlets.Instance(W.Widget).tag(sync=True, **W.widget_serialization)
 
     def __init__(self, make):
-        self._make = make
-        super().__init__()
-        self.on_msg(lambda *_: self.send({}, [self._make().encode()]))
+        super().__init__(saved=_Saved())
+        self.saved.on_msg(lambda *_: self.saved.send({}, [make().encode()]))
 
     def show(self, file):
         """Offer the file under this name, or nothing."""
-        self.file = file or ""
+        self.saved.file = file or ""
 
 
 class File(anywidget.AnyWidget):

@@ -1,5 +1,6 @@
 // What ipywidgets leave out in the page: accessible names and states of sliders, entries, groups that open, messages.
-function render({ model, el }) {
+async function render({ model, el }) {
+  const told = await model.widget_manager.get_model(model.get("told").slice("IPY_MODEL_".length));
   el.style.display = "none";
   let observer, timer;
 
@@ -8,7 +9,7 @@ function render({ model, el }) {
     if (!mask) { timer = setTimeout(start, 50); return; }
 
     const name = () => {
-      for (const [key, [text, log]] of Object.entries(model.get("names"))) {
+      for (const [key, [text, log]] of Object.entries(told.get("names"))) {
         const row = mask.querySelector(`.smcaero-set-${CSS.escape(key)}`);
         if (!row) continue;
         row.querySelectorAll("[role=slider], input, select").forEach(e => e.setAttribute("aria-label", text));

@@ -1,6 +1,7 @@
 // Curves drawn by plotly.js, which is loaded once a page.
+const beside = (model, name) => model.widget_manager.get_model(model.get(name).slice("IPY_MODEL_".length));
 const load = async model => {
-  const code = await model.widget_manager.get_model(model.get("code").slice("IPY_MODEL_".length));
+  const code = await beside(model, "code");
   const made = { exports: {} };
   new Function("module", "exports", "define", code.get("text"))(made, made.exports, undefined);
   return made.exports;
@@ -11,13 +12,13 @@ async function render({ model, el }) {
   const box = document.createElement("div");
   el.classList.add("smcaero-picture");
   el.appendChild(box);
-  const plotly = await (globalThis.smcaeroPlotly ??= load(model));
+  const plotly = await (globalThis.smcaeroPlotly ??= load(model)), curves = await beside(model, "curves");
 
   // One message may change all three; they are drawn when it has been read.
   let asked = false;
   const draw = () => {
     asked = false;
-    const { traces, layout } = model.get("drawing"), x = model.get("x"), y = model.get("y");
+    const { traces, layout } = curves.get("drawing"), x = curves.get("x"), y = curves.get("y");
     if (!traces || x.length !== traces.length || y.length !== traces.length) return;
     const data = traces.map((t, i) => ({  // what is no number stays in the trace
       ...t, ...(x[i].byteLength && { x: numbers(x[i]) }), ...(y[i].byteLength && { y: numbers(y[i]) }),
@@ -26,7 +27,7 @@ async function render({ model, el }) {
   };
   const later = () => { if (!asked) { asked = true; queueMicrotask(draw); } };
   const changes = "change:drawing change:x change:y";
-  model.on(changes, later);
+  curves.on(changes, later);
   draw();
 
   const fitter = new ResizeObserver(() => {
@@ -34,6 +35,6 @@ async function render({ model, el }) {
     if (box._fullLayout && width && Math.abs(box._fullLayout.width - width) > 2) plotly.Plots.resize(box);
   });
   fitter.observe(el);
-  return () => { fitter.disconnect(); model.off(changes, later); plotly.purge(box); };
+  return () => { fitter.disconnect(); curves.off(changes, later); plotly.purge(box); };
 }
 export default { render };

@@ -1,4 +1,8 @@
-"""Curves in the page."""
+"""Curves in the page.
+
+What changes is kept in plain models beside the widgets of anywidget, here and in `Page` and `Download`: anywidget tells a widget
+whose code took the page longer than 2 s to load nothing ever after, and a page with many pictures is that slow.
+"""
 
 import functools
 import pathlib
@@ -24,6 +28,14 @@ def _plotly():
     return _Code(text=get_plotlyjs())
 
 
+class _Curves(W.Widget):
+    """What a picture shows now."""
+
+    drawing = traitlets.Dict().tag(sync=True)  # traces and layout, without the numbers
+    x = traitlets.List().tag(sync=True)
+    y = traitlets.List().tag(sync=True)
+
+
 class Picture(anywidget.AnyWidget):
     """Traces and layout, drawn by plotly.js.
 
@@ -33,12 +45,10 @@ class Picture(anywidget.AnyWidget):
 
     _esm = pathlib.Path(__file__).parent / "picture.js"
     code = traitlets.Instance(W.Widget).tag(sync=True, **W.widget_serialization)
-    drawing = traitlets.Dict().tag(sync=True)  # traces and layout, without the numbers
-    x = traitlets.List().tag(sync=True)
-    y = traitlets.List().tag(sync=True)
+    curves = traitlets.Instance(W.Widget).tag(sync=True, **W.widget_serialization)
 
     def __init__(self):
-        super().__init__(code=_plotly())
+        super().__init__(code=_plotly(), curves=_Curves())
 
     def show(self, traces, layout):
         """Draw traces."""
@@ -46,14 +56,14 @@ class Picture(anywidget.AnyWidget):
         x, y = ([_numbers(t[k] if k in t else None) for t in traces] for k in "xy")
         bare = [{k: v for k, v in t.items() if k != "uid" and not (k == "x" and len(a) or k == "y" and len(b))}
                 for t, a, b in zip(drawn["data"], x, y, strict=True)]
-        with self.hold_sync():
-            self.drawing = dict(traces=bare, layout=drawn["layout"])
+        with self.curves.hold_sync():
+            self.curves.drawing = dict(traces=bare, layout=drawn["layout"])
             self.move(x, y)
 
     def move(self, x, y):
         """Draw the same traces with other numbers."""
-        with self.hold_sync():
-            self.x, self.y = ([np.asarray(q, np.float32).tobytes() for q in values] for values in (x, y))
+        with self.curves.hold_sync():
+            self.curves.x, self.curves.y = ([np.asarray(q, np.float32).tobytes() for q in values] for values in (x, y))
 
 
 def _numbers(values):

@@ -23,16 +23,20 @@ def browser():
 
 @pytest.fixture(scope="module")
 def notebook(server, browser, request):
-    """Open a notebook: ``notebook("notebooks/x.ipynb")``, or one made of cells: ``notebook(cell, cell)``."""
+    """Open a notebook: ``notebook("notebooks/x.ipynb")``, or one made of cells: ``notebook(cell, cell)``.
+
+    `script` runs in its page before anything else.
+    """
     address, token, root = server
     opened = []
 
-    def open_notebook(*cells):
+    def open_notebook(*cells, script=""):
         path = cells[0]
         if not path.endswith(".ipynb"):
             path = f"{request.module.__name__}_{len(opened)}.ipynb"
             write_notebook(root / path, *cells)
         page = browser.new_page(viewport=dict(width=1400, height=1000), reduced_motion="reduce")
+        page.add_init_script(script)
         opened.append(Notebook(page, (address, token), path))
         return opened[-1]
 

@@ -88,11 +88,12 @@ class Notebook:
     CURVE = """key => { const plot = document.querySelector('.js-plotly-plot');
                         const n = plot?.data?.findIndex(t => t.meta === key);
                         return n >= 0 && { y: Array.from(plot.data[n].y), uid: plot._fullData[n].uid } }"""
+    LATE = "[anywidget] Failed to initialize model."  # a page that took more than 2 s; nothing of ours waits for it
     PATH = "uid => document.querySelector(`.scatterlayer .trace${uid} path.js-line`)?.getAttribute('d')"
 
     def __init__(self, page, server, path):
-        self.page, self.errors = page, []
-        page.on("pageerror", lambda e: self.errors.append(str(e)))
+        self.page, self.errors, self.late = page, [], []
+        page.on("pageerror", lambda e: (self.late if str(e) == self.LATE else self.errors).append(str(e)))
         page.set_default_timeout(120_000)
         address, token = server
         page.goto(f"{address}/lab/tree/{path}?token={token}&reset")
