@@ -18,22 +18,19 @@ async function render({ model, el }) {
   let asked = false;
   const draw = () => {
     asked = false;
-    const { traces, layout } = curves.get("drawing"), x = curves.get("x"), y = curves.get("y");
-    if (!traces || x.length !== traces.length || y.length !== traces.length) return;
+    const { traces, layout } = curves.get("drawing"), x = curves.get("x"), y = curves.get("y"), width = el.clientWidth;
+    if (!width || !traces || x.length !== traces.length || y.length !== traces.length) return;
     const data = traces.map((t, i) => ({  // what is no number stays in the trace
       ...t, ...(x[i].byteLength && { x: numbers(x[i]) }), ...(y[i].byteLength && { y: numbers(y[i]) }),
     }));
-    plotly.react(box, data, structuredClone(layout), { responsive: true, displaylogo: false });
+    plotly.react(box, data, { ...structuredClone(layout), width }, { displaylogo: false });
   };
   const later = () => { if (!asked) { asked = true; queueMicrotask(draw); } };
   const changes = "change:drawing change:x change:y";
   curves.on(changes, later);
-  draw();
 
-  const fitter = new ResizeObserver(() => {
-    const width = el.getBoundingClientRect().width;
-    if (box._fullLayout && width && Math.abs(box._fullLayout.width - width) > 2) plotly.Plots.resize(box);
-  });
+  // Not plotly's own fit to the page, which forgets the height. It begins by telling the width there is.
+  const fitter = new ResizeObserver(() => { if (el.clientWidth !== box._fullLayout?.width) later(); });
   fitter.observe(el);
   return () => { fitter.disconnect(); curves.off(changes, later); plotly.purge(box); };
 }

@@ -15,6 +15,7 @@ def test_runs_without_an_error(notebook, path, tmp_path):
         for i in range(nb.page.locator(f".{view}").count()):
             nb.page.locator(f".{view}").nth(i).wait_for()
     nb.page.wait_for_function("() => [...document.querySelectorAll('.smcaero-live')].every(l => l.querySelector('.js-line'))")
+    pictures_fit(nb)
     lives = nb.page.locator(".smcaero-live").all()
     for live in [*lives[:1], *lives[1:][-1:]]:
         mask_drives_the_plot(nb, live)
@@ -35,6 +36,21 @@ def test_runs_without_an_error(notebook, path, tmp_path):
     nb.close()
 
 
+FITTED = """() => [...document.querySelectorAll('.smcaero-picture .js-plotly-plot')].every(plot => {
+    const there = plot.querySelector('.svg-container').getBoundingClientRect(), place = plot.parentElement.getBoundingClientRect();
+    return plot._fullLayout.height > 300 && ['width', 'height'].every(q => [plot._fullLayout[q], place[q]].every(
+        v => Math.abs(v - there[q]) < 3)) })"""
+AREA = "() => window.jupyterapp.commands.execute('application:toggle-left-area')"
+
+
+def pictures_fit(nb):
+    """Every picture keeps its height and takes the width there is, when the page gets wider or narrower."""
+    for _ in range(2):
+        nb.page.evaluate(AREA)
+        nb.page.wait_for_timeout(300)
+        nb.page.wait_for_function(FITTED)
+
+
 DATA = """live => { const curves = live.querySelector('.js-plotly-plot').data;
                     return Object.fromEntries(curves.map((c, i) => [c.meta ?? i, Array.from(c.y)])) }"""
 CHANGED = """(live, before) => { const curves = live.querySelector('.js-plotly-plot').data;
@@ -47,11 +63,13 @@ CHANGED = """(live, before) => { const curves = live.querySelector('.js-plotly-p
 def mask_drives_the_plot(nb, live):
     """The first slider of a mask moves every curve, the phase portrait too."""
     before = live.evaluate(DATA)
-    handle = live.locator(".smcaero-row [role=slider]").first
+    handle, entry = (live.locator(f".smcaero-row {q}").first for q in ("[role=slider]", "input[type=text]"))
     handle.scroll_into_view_if_needed()
     handle.focus()
     for _ in range(3):
+        was = entry.input_value()
         handle.press("ArrowRight")
+        until(nb, lambda was=was: entry.input_value() != was)  # it has been to the kernel and back
     until(nb, lambda: live.evaluate(CHANGED, before))
 
 
@@ -64,9 +82,8 @@ def until(nb, holds):
 
 
 def nonsense_is_answered(nb, live):
-    entry, was = live.locator(".smcaero-row input[type=text]").first, None
-    while was != (was := entry.input_value()):  # what was pressed may still be on its way
-        nb.page.wait_for_timeout(500)
+    entry = live.locator(".smcaero-row input[type=text]").first
+    was = entry.input_value()
     entry.fill("much")
     entry.press("Enter")
     until(nb, lambda: f"It stays at {was}" in live.locator(".smcaero-mask .smcaero-status").first.text_content())
