@@ -39,7 +39,7 @@ def _degree(r, integral):
 
 def _chosen(degree, table, rule):
     """ITAE polynomial of that degree (descending, after the leading 1) and the product settling time times frequency."""
-    if table not in TABLES or degree not in (0, *TABLES[table]):
+    if not isinstance(table, str) or table not in TABLES or degree not in (0, *TABLES[table]):
         allowed = ", ".join(f"'{t}' up to {max(c)}" for t, c in TABLES.items())
         raise ParameterError(f"surface: table = {table!r} has no polynomial of degree {degree}; there are {allowed}")
     if rule not in ("paper", "settling"):

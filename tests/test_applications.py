@@ -172,12 +172,12 @@ def test_any_law_gets_what_it_needs(law):
     (lambda: applications.chain(0), "chain: r = 0"), (lambda: applications.chain(7), "from 1 to 6"),
     (lambda: applications.chain(1.5), "whole number"),
     (lambda: applications.double_integrator("pid"),
-     "double_integrator: law = 'pid' is not allowed; it must be a law, or one of sign_smc"),
+     "double_integrator: law = 'pid' is not allowed; it must be a law \\(a block\\), or one of sign_smc"),
     (lambda: applications.dc_motor("pid"), "dc_motor: law = 'pid'"),
     (lambda: applications.double_integrator(7.0), "it must be a law .a block., or one of"),
     (lambda: applications.double_integrator(hosmc.nested(3)), "nested_3 is for relative degree 3; it must be 1"),
     (lambda: applications.perturbed_chain(hosmc.nested(3), 2), "r = 2 is not allowed; nested_3 is for relative degree 3"),
-    (lambda: applications.dc_motor(output="torque"), "output = 'torque' is not allowed; it must be one of angle, speed"),
+    (lambda: applications.dc_motor(output="torque"), "output = 'torque' is not allowed; it must be one of 'angle', 'speed'"),
     (lambda: applications.dc_motor().with_(plant__R=-1.0), "R = -1"), (lambda: motor.with_(J=0.0), "J = 0"),
     (lambda: applications.double_integrator().with_(plant__m=math.nan), "m = nan")])
 def test_bad_input(make, message):

@@ -593,13 +593,14 @@ def test_a_changed_parameter_costs_no_compilation():
 
 # ---- divergence ------------------------------------------------------------------------------------------------------
 def finite(run):
-    """Whether all that a run gives is finite."""
+    """Whether all that a run gives is finite, but for the tail figures of one that ended before its tail."""
     def of(v):
         if isinstance(v, (dict, SimpleNamespace)):
             return all(map(of, (vars(v) if isinstance(v, SimpleNamespace) else v).values()))
         return all(map(of, v)) if isinstance(v, tuple) else bool(np.all(np.isfinite(v)))
 
-    return of({k: v for k, v in vars(run).items() if k not in ("loop", "diverged_at") and v is not None})
+    unknown = () if run.tail else ("tail_e", "tail_sigma", "tail_u")
+    return of({k: v for k, v in vars(run).items() if k not in ("loop", "diverged_at", *unknown) and v is not None})
 
 
 @pytest.mark.parametrize("jit", [True, False])
@@ -703,7 +704,7 @@ def test_a_run_that_is_out_of_bounds_from_the_start_has_no_rows():
     (dict(dt=None), ["dt [s] is not given"]),
     (dict(duration=0.0), ["duration = 0 s is not allowed", "larger than 0 s"]),
     (dict(duration=-1), ["duration = -1 s", "larger than 0 s"]),
-    (dict(duration=math.nan), ["duration = nan s", "a finite number s"]),
+    (dict(duration=math.nan), ["duration = nan s", "a finite number, in s"]),
     (dict(duration=math.inf), ["duration = inf s"]),
     (dict(duration=True), ["duration = True"]),
     (dict(duration="1"), ["duration = '1' is not allowed"]),
@@ -718,7 +719,7 @@ def test_a_run_that_is_out_of_bounds_from_the_start_has_no_rows():
     (dict(tau=math.nan), ["tau = nan s"]),
     (dict(tau=2.0), ["duration = 1 s is not allowed", "at least tau = 2 s"]),
     (dict(duration=1e-4), ["duration = 0.0001 s is not allowed", "at least tau = 0.001 s"]),
-    (dict(method="heun"), ["method = 'heun' is not allowed", "euler, midpoint, rk4"]),
+    (dict(method="heun"), ["method = 'heun' is not allowed", "'euler', 'midpoint', 'rk4'"]),
     (dict(record=0), ["record = 0 is not allowed", "a whole number, at least 1"]),
     (dict(record=2.5), ["record = 2.5 is not allowed", "a whole number, at least 1"]),
     (dict(record=True), ["record = True"]),

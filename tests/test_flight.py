@@ -149,3 +149,31 @@ def test_a_choice_of_another_vehicle_leaves_the_last_lander():
     shown.mask.choice.value = "launcher"
     shown.wait()
     assert film.run is last
+
+
+def test_a_start_beyond_the_limits_is_said(picture):
+    far = rpl.loop().with_(plant__altitude=2e6)
+    before = picture.curves["y[1]"].y.copy()
+    picture.set(plant__altitude=2e6)
+    assert picture.status == ("diverged at 0 s: the start is beyond the limits of the plant; the curves are those of the last "
+                              "good setting.")
+    np.testing.assert_array_equal(picture.curves["y[1]"].y, before)
+    picture.mask.reset()
+    alone, both = live(far), smc.ui.compare({"far": far, "near": rpl.loop()})
+    assert alone.status == "diverged at 0 s: the start is beyond the limits of the plant." and alone.run is None
+    assert flight(alone).figure.data == () and not plot(simulate(far)).data[0].x.size
+    both.wait()
+    assert both.status == "far diverged at 0 s: the start is beyond the limits of the plant" and both.figure.data
+    with pytest.raises(ParameterError, match="flight: the run is not allowed; it must have rows"):
+        flight(simulate(far))
+    assert live(smc.lv.loop("pd").with_(plant__theta=20.0)).status.startswith("diverged at 0 s: the start is beyond")
+
+
+def test_tail_figures_of_a_flight_that_ended_before_its_tail_are_unknown():
+    """Not the greatest values of the whole flight, and not a reaching time of 0."""
+    run = simulate(rpl.loop("adaptive_smc", "paper"))
+    m = run.metrics()
+    assert run.stopped_at < 100.0 and run.tail == 0.0
+    assert np.isnan([*m.tail_e, *m.tail_sigma, *m.reaching_time, *m.variation_u]).all() and np.isfinite([*m.J_e, *m.max_u]).all()
+    assert "reaching time" not in smc.ui.panels.metrics_html(run) and "tail" not in smc.ui.panels.metrics_html(run)
+    assert "–" in comparison_html({"paper": run}) and smc.core.reaching_time(run, 1e9) == [0.0, 0.0]

@@ -349,7 +349,7 @@ def test_raised_relative_degree():
     (lambda: hosmc.adaptive_continuous(2).with_(gamma_2=0.0), "gamma_2 = 0"),
     (lambda: hosmc.adaptive_continuous(2).with_(alpha=0.95), "less than 1/beta_0 = 0.909"),
     (lambda: hosmc.adaptive_continuous(2).with_(beta_0=0.9), "beta_0 = 0.9"),
-    (lambda: smc.lv.loop("hosm", "paper"), "it must be one of recommended, output_feedback, r3, raised")])
+    (lambda: smc.lv.loop("hosm", "paper"), "it must be one of 'recommended', 'output_feedback', 'r3', 'raised'")])
 def test_bad_input(make, message):
     with pytest.raises(ParameterError, match=message):
         make()

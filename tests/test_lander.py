@@ -146,8 +146,8 @@ def test_pulse_modulators_owe_no_more_than_a_pulse_and_hold_each_choice(wanted, 
     low, tau = 0.0 if one_sided else -15.0, 0.01
     block = rpl.pulse_modulator.with_(low=low, high=15.0, pulse=n*tau)
     z, fired = block.z0, []
-    for u in wanted:
-        got, z = block(u, z, tau)
+    for k, u in enumerate(wanted):
+        got, z = block(k*tau, u, z, tau)
         assert got in (low, 0.0, 15.0)
         assert abs(z[0]) <= 15.0*tau*n*(1 + 1e-9)
         fired.append(got)
@@ -160,9 +160,9 @@ def test_pulse_modulators_owe_no_more_than_a_pulse_and_hold_each_choice(wanted, 
 def test_thrusters_limit_and_hold(wanted, n):
     tau = 0.01
     hold, limit = rpl.sample_and_hold.with_(pulse=n*tau), rpl.thruster.with_(low=-2.0, high=5.0, pulse=n*tau)
-    z = y = (0.0, 0.0)
+    z = y = (0.0,)
     for k, u in enumerate(wanted):
-        (got, z), (limited, y) = hold(u, z, tau), limit(u, y, tau)
+        (got, z), (limited, y) = hold(k*tau, u, z, tau), limit(k*tau, u, y, tau)
         assert got == wanted[k//n*n] and limited == min(max(got, -2.0), 5.0)
 
 
@@ -319,7 +319,7 @@ def test_pulses_grow_denser(flights):
     constant = rpl.pulses(flights("adaptive_smc", stop=False, law__attitude__delta_2=0.05, law__attitude__delta_3=0.05))[0].rates
     assert attitude[2] > 2*constant[2]  # the dead band does it
     modulated = rpl.pulses(flights("adaptive_super_twisting", stop=False))[0].rates
-    assert max(modulated) < 1.25*min(modulated) and min(modulated) > 4.5  # lander.md: 5.66, 5.64, 5.30 per second
+    assert max(modulated) < 1.25*min(modulated) and min(modulated) > 4.5
     for law in ("adaptive_smc", "adaptive_super_twisting"):
         first, second, third = rpl.pulses(flights(law, stop=False))[1].rates
         assert (second*100 + third*40)/140 > first
@@ -496,7 +496,7 @@ def test_a_verdict_names_each_reason():
     ([(5, 100, 0.1)], ["table[0] from 5", "gap", "begin at 0 s"]),
     ([(0, 100, 0.1), (100, 100, 0.1)], ["interval without duration"]),
     ([(0, 100, 0.1), (100, 50, 0.1)], ["interval without duration"]),
-    ([(0, 100, -0.1)], ["table[0] = -0.1", "at least 0"]), ([(0, 100, math.nan)], ["nan"]),
+    ([(0, 100, -0.1)], ["table[0], delta = -0.1 [sigma]", "at least 0"]), ([(0, 100, math.nan)], ["nan"]),
     ([], ["one to three rows"]), ([(0, 100)], ["one to three rows"]),
     ([(k, k + 1, 0.1) for k in range(4)], ["one to three rows"])])
 def test_bad_dead_band_tables(table, words):
@@ -522,8 +522,13 @@ def test_bad_dead_band_tables(table, words):
     (lambda: simulate(rpl.loop().with_(actuator__attitude__pulse=5e-4)), ["attitude__pulse = 0.0005 s", "tau = 0.05 s"]),
     (lambda: simulate(rpl.loop().with_(actuator__attitude__pulse=5e-4, tau=None)), ["pulse = 0.0005 s", "tau = 0.001 s"]),
     (lambda: simulate(rpl.loop(), tau=0.0505, dt=1e-3), ["tau = 0.0505 s", "a multiple of dt = 0.001 s"]),
-    (lambda: rpl.loop("pidd"), ["rpl.loop: law = 'pidd'", "adaptive_smc, adaptive_super_twisting, hosm, pid"]),
-    (lambda: rpl.loop("pid", "best"), ["rpl.loop: preset = 'best'", "recommended, paper"])])
+    (lambda: rpl.loop("pidd"), ["rpl.loop: law = 'pidd'", "'adaptive_smc', 'adaptive_super_twisting', 'hosm', 'pid'"]),
+    (lambda: rpl.loop("pid", "best"), ["rpl.loop of pid: preset = 'best'", "'recommended', 'paper'"]),
+    (lambda: rpl.loop([]), ["rpl.loop: law = [] is not allowed"]),
+    (lambda: rpl.landing(simulate(smc.lv.loop("pd"), 0.1)), ["landing: a run of the plant launcher", "rpl.lander"]),
+    (lambda: rpl.pulses(simulate(smc.lv.loop("pd"), 0.1)), ["pulses: a run of the plant launcher", "rpl.lander"]),
+    *((lambda q=q: rpl.pulses(simulate(rpl.loop(), 1.0), q), [f"pulses: intervals = {q!r} is not allowed"])
+      for q in (5, (100.0, 0.0), (0.0, 0.0, 1.0), (1.0,), ((0.0, 1.0), (1.0, 2.0))))])
 def test_bad_input_is_told(act, words):
     with pytest.raises(ParameterError) as why:
         act()

@@ -301,7 +301,7 @@ def test_names_of_the_presets():
 
 
 @pytest.mark.parametrize(("arguments", "words"), [
-    (("pdd",), ["law = 'pdd' is not allowed", "pd, pid, sign_smc, quasi_smc, adaptive_super_twisting"]),
+    (("pdd",), ["law = 'pdd' is not allowed", "'pd', 'pid', 'sign_smc', 'quasi_smc', 'adaptive_super_twisting'"]),
     (("pid", "paper"), ["preset = 'paper'", "pid", "recommended"]), (("pd", "best"), ["preset = 'best'"])])
 def test_unknown_laws_and_presets(arguments, words):
     with pytest.raises(ParameterError) as why:
@@ -395,7 +395,7 @@ def test_control_of_the_hosm_designs(row):
 def test_the_gain_of_the_hosm_design_once_large_comes_down(runs):
     run = runs("hosm")
     L = np.interp([0.0, 1.0, 2.0, 10.0, 30.0], run.t, run.z.law.L)
-    assert pytest.approx([0.3, 0.1, 0.035, 0.0135, 0.011], rel=0.1) == L
+    assert pytest.approx([0.3, 0.1, 0.035, 0.0135, 0.011], rel=0.03) == L
 
 
 @hosm
@@ -456,7 +456,7 @@ def test_the_pitch_angle_in_noise():
     assert simulate(held).mean_e[0] == pytest.approx(0.0040, rel=0.03)
     r3 = lv.loop("hosm", "r3").with_(output=noisy.with_(eps=1e-6), surface=truncated(3), differentiator=differentiator(3, of="y"))
     assert simulate(r3.with_(differentiator__L=10.0), dt=1e-3).mean_e[0] > 0.01
-    assert simulate(r3.with_(differentiator__L=30.0), dt=1e-3).mean_e[0] == pytest.approx(0.0046, rel=0.05)
+    assert simulate(r3.with_(differentiator__L=30.0), dt=1e-3).mean_e[0] == pytest.approx(0.0046, rel=0.03)
 
 
 @pytest.mark.parametrize(("L", "J_e"), DIFFERENTIATED)

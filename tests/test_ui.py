@@ -89,6 +89,31 @@ def test_form_follows_the_metadata():
     assert m.page.told.names["gain"] == ("gain [v]/[sigma]^1/2", False)
 
 
+def test_sliders_are_fit_for_their_values():
+    """Where blocks of one kind serve thrusters of 15 N and of 2800 N, or a pulse lasts whole samples, each slider is of use."""
+    m = mask(smc.rpl.loop())
+    for name, w in m.widgets.items():
+        if isinstance(w, ipywidgets.FloatSlider) and m.values[name]:
+            assert w.step <= abs(m.values[name])/(1 if name.endswith("pulse") else 2), name
+    high, pulse = m.widgets["actuator__attitude__high"], m.widgets["actuator__descent__pulse"]
+    assert (high.min, high.max) == (0.0, 60.0) and (pulse.min, pulse.step) == (0.05, 0.05)
+    for w in (m.widgets["actuator__descent__high"], pulse):
+        w.value = w.max
+        assert m._status.value == "" and smc.simulate(m.target, 1.0).steps == 1000
+    fast = mask(smc.rpl.loop().with_(tau=0.02)).widgets["actuator__descent__pulse"]
+    assert (fast.min, fast.step) == (0.02, 0.02)
+
+
+def test_no_two_controls_of_a_group_look_alike():
+    m = mask(smc.rpl.loop())
+    titles = [fold.opener.description for fold in m._body.children]
+    assert len(set(titles)) == len(titles) and {"initial state: attitude", "initial state: descent", "initial state"} <= {*titles}
+    for fold in m._body.children:
+        said = [getattr(row, "description", None) or row.children[0].description for row in fold.rows]
+        assert len(set(said)) == len(said), (fold.opener.description, said)
+    assert "actuator__attitude__held" not in m.widgets and "law__attitude__held" not in m.widgets
+
+
 @pytest.mark.parametrize("law", LOOPS)
 def test_every_control_reaches_both_ends(law):
     m = mask(LOOPS[law])

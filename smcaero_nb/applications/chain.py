@@ -16,9 +16,7 @@ def fitted(owner, law, presets, one, two):
 
     `one` and `two` are the surfaces for laws of relative degree 1 and 2; `one` is asked for sigma' too where the law is twisting.
     """
-    if isinstance(law, str):
-        if law not in presets:
-            raise ParameterError(f"{owner}: law = {law!r} is not allowed; it must be a law, or one of {', '.join(presets)}")
+    if isinstance(law, str) and law in presets:
         return presets[law]
     if not isinstance(law, Block):
         raise ParameterError(f"{owner}: law = {law!r} is not allowed; it must be a law (a block), or one of {', '.join(presets)}")

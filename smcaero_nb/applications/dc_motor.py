@@ -5,7 +5,8 @@ from functools import partial
 from typing import Annotated
 
 from .. import hosmc
-from ..core import ClosedLoop, Param, ParameterError, block
+from ..core import ClosedLoop, Param, block
+from ..core.param import chosen
 from ..smc1 import adaptive_smc, dual_layer_smc, quasi_smc, sign_smc
 from ..smc2 import adaptive_super_twisting, adaptive_twisting, gains, super_twisting, twisting
 from ..surface import itae
@@ -330,8 +331,7 @@ def dc_motor(law="super_twisting", output="angle"):
     >>> simulate(dc_motor("super_twisting")).tail_e[0] < 1e-4
     True
     """
-    if output not in DC_MOTOR:
-        raise ParameterError(f"dc_motor: output = {output!r} is not allowed; it must be one of {', '.join(DC_MOTOR)}")
+    chosen("dc_motor", "output", output, DC_MOTOR)
     stages = fitted("dc_motor", law, DC_MOTOR[output], *((_surface, None) if output == "angle" else (_none, with_integral)))
     return ClosedLoop(motor, output=shaft if output == "angle" else speed, reference=step.with_(height=HEIGHT[output]),
                       perturbation=load_torque, allocation=voltage, actuator=amplifier, duration=1.0, dt=1e-5, tau=1e-4,

@@ -17,7 +17,7 @@ import numpy as np
 from .block import Block, BlockError, Channels, routed
 from .cache import compiled, kept
 from .metrics import metrics
-from .param import Param, ParameterError, positive
+from .param import Param, ParameterError, chosen, positive
 from .signal import flat, leaves, shape, text
 from .theorem import doubts, perturbation
 
@@ -73,8 +73,8 @@ class ClosedLoop:
         for stage, b in self.stages.items():
             if not isinstance(b, Block if stage == "plant" else (Block, Channels, type(None))):
                 raise BlockError(f"{stage} must be a block (a function under @block), not {b!r}")
-            if chosen := [n for n, k in (b.kinds if b else {}).items() if k not in (float, int, bool)]:
-                raise BlockError(f"{stage} '{b.name}': {chosen[0]} is a choice of texts; a stage has numbers and switches only")
+            if texts := [n for n, k in (b.kinds if b else {}).items() if k not in (float, int, bool)]:
+                raise BlockError(f"{stage} '{b.name}': {texts[0]} is a choice of texts; a stage has numbers and switches only")
 
     def with_(self, **changes):
         """Return a copy with changes.
@@ -491,7 +491,7 @@ class Run:
     mean_e, mean_v, mean_u : float or nested tuple
         Means of \|e\|, \|v\|, \|u\| over all steps; mean_v is None where there is no law.
     max_e, max_sigma, max_u, tail_e, tail_sigma, tail_u : float or nested tuple
-        Greatest absolute values over all steps, and over the tail (the last fifth unless told).
+        Greatest absolute values over all steps, and over the tail (the last fifth unless told; NaN if the run ended before it).
     variation_u, tail_variation_u : float or nested tuple
         Total variation of `u`, from rest, over the run; and in the tail.
     tail_turns_u : float or nested tuple
@@ -541,8 +541,9 @@ def _result(loop, writer, rec, S, before, k, k_tail, dt, m, stopped, diverged):
     run.z = types.SimpleNamespace(**{s: _named(loop.stages[s].states, arrays) for s in GIVES if loop.stages[s]})
     for n in ("e", "u"):
         setattr(run, f"mean_{n}", signal(n, lambda q: now[q]/max(k, 1), "sum_"))
+    ended_before = k < k_tail + diverged
     for n in ("e", "sigma", "u"):
-        setattr(run, f"tail_{n}", signal(n, now.get, "max_"))
+        setattr(run, f"tail_{n}", signal(n, now.get if not ended_before else lambda q: math.nan, "max_"))
         setattr(run, f"max_{n}", signal(n, lambda q: max(now[q], before[q]), "max_"))
     run.mean_v = run.integral_v = None
     if loop.stages["law"]:
@@ -609,8 +610,7 @@ def simulate(loop, duration=None, dt=None, tau=None, *, method="euler", record=2
     for name, (meta, value, _) in loop.settable().items():
         if meta.samples and not (value > 0.5*tau and abs(value/tau - round(value/tau)) < 1e-9*value/tau):
             raise ParameterError(f"simulate: {name} = {value:g} s is not allowed; it must be a multiple of tau = {tau:g} s")
-    if method not in METHODS:
-        raise ParameterError(f"simulate: method = {method!r} is not allowed; it must be one of {', '.join(METHODS)}")
+    chosen("simulate", "method", method, METHODS)
     record = Param(low=1).check("simulate", "record", record, int)
     tail = Param(low=0.0, high=1.0).check("simulate", "tail", tail)
 

@@ -84,7 +84,8 @@ def reaching_time(run, band=None):
     Returns
     -------
     list of float
-        [s], resolved to one recorded row; infinite if \\|sigma\\| is outside at the end, or the run diverged.
+        [s], resolved to one recorded row; infinite if \\|sigma\\| is outside at the end, or the run diverged; NaN without a band
+        where the run ended before its tail.
     """
     times = []
     many = _many(run)
@@ -92,7 +93,8 @@ def reaching_time(run, band=None):
         outside = np.flatnonzero(np.maximum(np.abs(low), np.abs(high)) > (2*tail if band is None else band))
         last = outside[-1] if len(outside) else -1
         never = run.diverged_at is not None or last == len(run.t) - 1
-        times.append(math.inf if never else float(run.t[last + 1]))
+        unknown = band is None and tail != tail and not never
+        times.append(math.inf if never else math.nan if unknown else float(run.t[last + 1]))
     return times
 
 

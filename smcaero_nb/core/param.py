@@ -8,7 +8,7 @@ import sys
 from dataclasses import dataclass
 from typing import get_args
 
-__all__ = ["Param", "ParameterError", "declared", "positive", "unknown"]
+__all__ = ["Param", "ParameterError", "chosen", "declared", "positive", "unknown"]
 
 
 class ParameterError(ValueError):
@@ -36,7 +36,7 @@ class Param:
     samples : bool
         It is a time that the block counts in samples: `simulate` takes only multiples of its sampling step.
     hidden : bool
-        Of a law's state: pictures leave it out.
+        Of a state: pictures and masks leave it out.
     """
 
     symbol: str = ""
@@ -52,9 +52,7 @@ class Param:
     def check(self, owner, name, value, kind=float):
         """Return `value` as `kind` (float, int, bool or a Literal) if it is allowed, else raise `ParameterError`."""
         if choices := get_args(kind):
-            if value in choices:
-                return value
-            raise ParameterError(f"{owner}: {name} = {value!r} is not allowed; it must be one of {', '.join(map(repr, choices))}")
+            return chosen(owner, name, value, choices)
         if kind is bool:
             if isinstance(value, bool) or type(value).__name__ == "bool":
                 return bool(value)
@@ -72,7 +70,7 @@ class Param:
             what += f" from {self.low:g} to {self.high:g}"
         elif low or high:
             what += f", at least {self.low:g}" if low else f", at most {self.high:g}"
-        return what + (f" {self.unit}" if self.unit != "1" else "")
+        return what + (f"{' ' if low or high else ', in '}{self.unit}" if self.unit != "1" else "")
 
 
 def _said(value, unit):
@@ -80,6 +78,13 @@ def _said(value, unit):
     if isinstance(value, float) and float(said) != value:  # 1.0000001, not "1 is not allowed; it must be at most 1"
         said = repr(float(value))
     return said + (f" {unit}" if unit != "1" and isinstance(value, numbers.Real) else "")
+
+
+def chosen(owner, name, value, allowed):
+    """Return `value` if it is one of the texts `allowed`, else raise `ParameterError`."""
+    if not (isinstance(value, str) and value in allowed):
+        raise ParameterError(f"{owner}: {name} = {value!r} is not allowed; it must be one of {', '.join(map(repr, allowed))}")
+    return value
 
 
 def positive(owner, name, value, unit="s"):

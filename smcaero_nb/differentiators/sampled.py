@@ -5,7 +5,8 @@ import math
 import warnings
 from typing import Annotated
 
-from ..core import Param, ParameterError, block
+from ..core import Param, block
+from ..core.param import chosen
 from ..core.signal import first, generated, leaves, text
 from .methods import explicit, implicit, matching, newton
 from .table import LAMBDA
@@ -93,14 +94,6 @@ def _explained(x, n_d, n_f, method, of):
                       lam=", ".join(f"{v:g}" for v in LAMBDA[n_d + n_f]), equation=equation(x, {n_f - 1: " - f"}),
                       s=x[0] + ("" if n_f else " - f"), returns=f"{many}\n        Estimates of {returns}.",
                       notes=METHODS[method][1].format(order=n_d + 1, N=len(x), n=len(x) - 1))
-
-
-def _chosen(name, value, allowed):
-    """Return `value` if it is one of the names `allowed`, else raise `ParameterError`."""
-    if value not in allowed:
-        raise ParameterError(f"differentiator: {name} = {value!r} is not allowed; it must be one of "
-                             + ", ".join(map(repr, allowed)))
-    return value
 
 
 def per(unit, i):
@@ -195,7 +188,7 @@ def differentiator(n_d, n_f=0, method="levant", of="e"):
     if n_d + n_f > LIMIT:
         warnings.warn(f"differentiator: n_d + n_f = {n_d + n_f} is more than float64 serves: above {LIMIT} rounding keeps the "
                       "highest derivatives from any accuracy", UserWarning, stacklevel=2)
-    return _made(n_d, n_f, _chosen("method", method, METHODS), _chosen("of", of, ("e", "y")))
+    return _made(n_d, n_f, chosen("differentiator", "method", method, METHODS), chosen("differentiator", "of", of, ("e", "y")))
 
 
 @functools.cache

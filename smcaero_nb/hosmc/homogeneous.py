@@ -7,7 +7,7 @@ for the powers 2 and 1/2, which compilers turn into these, and `power` for other
 import math
 from typing import Annotated
 
-from ..core import Param, ParameterError, block
+from ..core import Param, block
 from ..core.theorem import MARGIN
 
 __all__ = ["law", "order", "power", "ratio", "sign"]
@@ -35,13 +35,6 @@ def ratio(n, d):
 def order(owner, r, low, high):
     """Return the relative degree `r` if it is a whole number from `low` to `high`, else raise `ParameterError`."""
     return Param(low=low, high=high).check(owner, "r", r, int)
-
-
-def chosen(owner, name, value, allowed):
-    """Return `value` if it is one of the names `allowed`, else raise `ParameterError`."""
-    if value not in allowed:
-        raise ParameterError(f"{owner}: {name} = {value!r} is not allowed; it must be one of {', '.join(map(repr, allowed))}")
-    return value
 
 
 DOC = r"""{title}, relative degree {r}.

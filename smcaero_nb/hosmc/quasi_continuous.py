@@ -2,7 +2,8 @@ r"""Quasi-continuous higher-order sliding mode control: discontinuous at sigma =
 
 import math
 
-from .homogeneous import chosen, law, order, power, ratio, sign
+from ..core.param import chosen
+from .homogeneous import law, order, power, ratio, sign
 
 __all__ = ["quasi_continuous"]
 

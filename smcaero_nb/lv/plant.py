@@ -263,7 +263,7 @@ def steps(t, unit: Annotated[float, Param("unit", "rad", help="rad in one unit o
 @block
 def misalignment(t, f_0: Annotated[float, Param("f_0", "rad", help="constant part", slider=(-0.5, 0.5))] = 0.2,
                  f_1: Annotated[float, Param("f_1", "rad", low=0.0, help="amplitude", slider=(0.0, 0.5))] = 0.1,
-                 omega: Annotated[float, Param(r"\omega_f", "rad/s", low=0.0, help="frequency", slider=(0.0, 5.0))] = 0.1
+                 omega: Annotated[float, Param(r"\omega_f", "rad/s", low=0.0, help="frequency", slider=(0.0, 1.0))] = 0.1
                  ) -> Param("f", "rad"):
     r"""Misalignment of the thrust vector, added to the command of the gimbal.
 

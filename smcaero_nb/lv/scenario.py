@@ -1,6 +1,7 @@
 """The launch vehicle's loops: laws and presets, with their sources; the paper's transfer function."""
 
-from ..core import ClosedLoop, ParameterError
+from ..core import ClosedLoop
+from ..core.param import chosen
 from ..differentiators import differentiator
 from ..hosmc import adaptive_continuous, integrated, quasi_continuous
 from ..pid import pd, pid
@@ -77,7 +78,7 @@ def loop(law="adaptive_super_twisting", preset="recommended"):
     -------
     ClosedLoop
         With duration 30 s and dt 1e-4 s; the paper's own dt is 1e-5 s and changes the figures by less than 0.5 %
-        (``"raised"``: 1 %).
+        (``"raised"``: 1.1 %).
 
     Raises
     ------
@@ -111,12 +112,10 @@ def loop(law="adaptive_super_twisting", preset="recommended"):
     >>> round(simulate(loop("hosm", "raised").with_(**angle)).metrics().J_e, 3)
     0.007
     """
-    if law not in PRESETS:
-        raise ParameterError(f"lv.loop: law = {law!r} is not allowed; it must be one of {', '.join(PRESETS)}")
-    if preset not in PRESETS[law]:
-        raise ParameterError(f"lv.loop: preset = {preset!r} is not there for {law}; it must be one of {', '.join(PRESETS[law])}")
+    presets = PRESETS[chosen("lv.loop", "law", law, PRESETS)]
+    chosen(f"lv.loop of {law}", "preset", preset, presets)
     return ClosedLoop(launcher, reference=steps, perturbation=misalignment, duration=30.0, dt=1e-4,
-                      name=f"{law}, {preset}", **PRESETS[law][preset])
+                      name=f"{law}, {preset}", **presets[preset])
 
 
 def transfer_function():

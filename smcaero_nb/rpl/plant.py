@@ -17,7 +17,8 @@ Offset = Annotated[float, Param(r"\epsilon_d", "m", help="centre of mass beside 
                                 slider=(-0.03, 0.03))]
 Share = Annotated[float, Param(r"\eta_a", "1", low=0.0, high=2.0, help="effectiveness of the attitude thrusters: 1 as designed")]
 Stuck = Annotated[float, Param("u_s", "N", help="thrust of an attitude thruster stuck on", slider=(-15.0, 15.0))]
-Side = Annotated[int, Param("n", low=0, high=6, help="descent thrusters of the six on this side that work")]
+Left = Annotated[int, Param("n_l", low=0, high=6, help="descent thrusters of the six on the left that work")]
+Right = Annotated[int, Param("n_r", low=0, high=6, help="descent thrusters of the six on the right that work")]
 ArmDescent = Annotated[float, Param("l_d", "m", low=0.0, slider=(0.0, 0.1),
                                     help="arm of the descent thrusters, felt if one side has more that work")]
 
@@ -58,7 +59,7 @@ def upright(values):
     altitude=(6500.0, Param("x(0)", "m", help="altitude to start from", slider=(5000.0, 7000.0))),
     velocity=(-10.0, Param(r"\dot x(0)", "m/s", help="vertical velocity to start with", slider=(-50.0, 50.0)))))
 def lander(x, u, d, m: Mass = 1000.0, J: Inertia = 300.0, l_a: Arm = 2.8, g_m: Gravity = 1.6, offset: Offset = 0.0,
-           effectiveness: Share = 1.0, stuck: Stuck = 0.0, left: Side = 6, right: Side = 6, l_d: ArmDescent = 0.0):
+           effectiveness: Share = 1.0, stuck: Stuck = 0.0, left: Left = 6, right: Right = 6, l_d: ArmDescent = 0.0):
     r"""Lander in powered descent: pitch and altitude.
 
     .. math::
@@ -227,7 +228,8 @@ def governed_command(t, printed: Printed = False,
     Notes
     -----
     Not in the paper: an extension. From 500 m away the sliding variable (49) asks for 2000 m/s^2; with this command it starts
-    near 0. The error e is then that from the governed command.
+    near 0, if x_0 is where the lander starts: it does not follow ``plant__altitude``, and 600 m beside it the lander crashes.
+    The error e is then that from the governed command.
     """
     pitch, (x, v) = command(t, printed)
     s, height = min(t/T_r, 1.0), start - 6000.0

@@ -23,7 +23,7 @@ Low = Annotated[float, Param(r"u_{min}", "N", help="least thrust", slider=(-30.0
 High = Annotated[float, Param(r"u_{max}", "N", help="greatest thrust", slider=(0.0, 3000.0))]
 Pulse = Annotated[float, Param("T_s", "s", low=0.0, samples=True, help="least duration of a pulse and of a pause",
                                slider=(0.05, 1.0))]
-HELD = dict(held=(0.0, Param("u_h", "N", help="thrust that is held")), count=(0.0, Param("k", help="samples it is held for")))
+HELD = dict(held=(0.0, Param("u_h", "N", hidden=True, help="thrust that is held")))
 
 
 @block
@@ -134,7 +134,9 @@ def dead_bands(table):
     if not 1 <= len(rows) <= 3 or any(len(row) != 3 for row in rows):
         raise ParameterError(f"dead_bands: table = {table!r} is not allowed; it must be one to three rows of "
                              "(begin [s], end [s], delta)")
-    rows = [tuple(Param(low=0.0).check("dead_bands", f"table[{i}]", v) for v in row) for i, row in enumerate(rows)]
+    columns = {n: Param(unit=unit, low=0.0) for n, unit in (("begin", "s"), ("end", "s"), ("delta", "[sigma]"))}
+    rows = [tuple(m.check("dead_bands", f"table[{i}], {n}", v) for (n, m), v in zip(columns.items(), row, strict=True))
+            for i, row in enumerate(rows)]
     last = 0.0
     for i, (begin, end, _) in enumerate(rows):
         meets = math.isclose(begin, last, rel_tol=1e-9)
@@ -191,13 +193,15 @@ def modified_sign(sigma, z, delta: Band = 0.05, hysteresis: Hysteresis = True, c
 
 
 @block(state=HELD)
-def sample_and_hold(u, z, tau, pulse: Pulse = 0.05) -> Param("u", "N"):
+def sample_and_hold(t, u, z, tau, pulse: Pulse = 0.05) -> Param("u", "N"):
     r"""Sample and hold: the thrust changes every `pulse` seconds only.
 
     .. math:: u(t) = u(k T_s), \qquad k T_s \le t < (k + 1) T_s
 
     Parameters
     ----------
+    t : float
+        Time [s].
     u : float
         Wanted thrust [N].
     pulse : float
@@ -216,9 +220,9 @@ def sample_and_hold(u, z, tau, pulse: Pulse = 0.05) -> Param("u", "N"):
     ----------
     Paper, text above eq (45), "S&H"; 0.05 s in the case study.
     """
-    held, count = z
-    held = u if count < 0.5 else held
-    return held, (held, count + 1.0 if count + 1.5 < pulse/tau else 0.0)
+    held, = z
+    held = held if round(t/tau) % max(round(pulse/tau), 1) else u
+    return held, (held,)
 
 
 def crossed(values):
@@ -228,13 +232,15 @@ def crossed(values):
 
 
 @block(state=HELD, check=crossed)
-def thruster(u, z, tau, low: Low = -15.0, high: High = 15.0, pulse: Pulse = 0.05) -> Param("u", "N"):
+def thruster(t, u, z, tau, low: Low = -15.0, high: High = 15.0, pulse: Pulse = 0.05) -> Param("u", "N"):
     r"""Thrusters with limits, held for a least duration.
 
     .. math:: u(t) = \max(u_{min}, \min(u_{max}, u(k T_s))), \qquad k T_s \le t < (k + 1) T_s
 
     Parameters
     ----------
+    t : float
+        Time [s].
     u : float
         Wanted thrust [N].
     low, high : float
@@ -256,11 +262,11 @@ def thruster(u, z, tau, low: Low = -15.0, high: High = 15.0, pulse: Pulse = 0.05
     ----------
     Paper, section "Simulation setup": limits and 0.05 s.
     """
-    return sample_and_hold(max(low, min(high, u)), z, tau, pulse)
+    return sample_and_hold(t, max(low, min(high, u)), z, tau, pulse)
 
 
 @block(state={"owed": (0.0, Param("q", "N s", help="impulse owed to start with")), **HELD}, check=crossed)
-def pulse_modulator(u, z, tau, low: Low = -15.0, high: High = 15.0, pulse: Pulse = 0.05) -> Param("u", "N"):
+def pulse_modulator(t, u, z, tau, low: Low = -15.0, high: High = 15.0, pulse: Pulse = 0.05) -> Param("u", "N"):
     r"""Pulse modulation of a continuous thrust: full thrust or none, the same impulse.
 
     .. math::
@@ -270,6 +276,8 @@ def pulse_modulator(u, z, tau, low: Low = -15.0, high: High = 15.0, pulse: Pulse
 
     Parameters
     ----------
+    t : float
+        Time [s].
     u : float
         Wanted thrust [N], limited to [low, high] before it counts.
     low, high : float
@@ -296,8 +304,8 @@ def pulse_modulator(u, z, tau, low: Low = -15.0, high: High = 15.0, pulse: Pulse
     ----------
     Paper eq (45), whose PWM is not specified: this is the error feedback of delta-sigma modulators.
     """
-    owed, held, count = z
+    owed, held = z
     owed += tau*max(low, min(high, u))
     chosen = high if owed > 0.5*high*pulse else low if owed < 0.5*low*pulse else 0.0
-    fired, after = sample_and_hold(chosen, (held, count), tau, pulse)
+    fired, after = sample_and_hold(t, chosen, (held,), tau, pulse)
     return fired, (owed - tau*fired, *after)

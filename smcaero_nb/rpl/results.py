@@ -15,6 +15,18 @@ SOFT = {"altitude": (0.5, 1.0, "m"), "velocity": (0.5, 1.0, "m/s"), "pitch error
         "pitch rate": (1.14*DEG, 1.0/DEG, "deg/s")}
 
 
+def said(value):
+    """Three digits, or a whole number."""
+    return f"{value:.3g}" if abs(value) < 1e3 else f"{value:.0f}"
+
+
+def ours(run, owner):
+    """Raise `ParameterError` if it is not a run of the lander's plant."""
+    name = run.loop.stages["plant"].name
+    if not {"left", "right", "m", "g_m"} <= set(run.loop.stages["plant"].params):
+        raise ParameterError(f"{owner}: a run of the plant {name} is not allowed; it must be one of rpl.lander")
+
+
 @dataclass(frozen=True)
 class Landing:
     """How a descent ended; made by `landing`.
@@ -62,6 +74,11 @@ def landing(run):
     -------
     Landing
 
+    Raises
+    ------
+    ParameterError
+        A run of something else.
+
     Notes
     -----
     Softly means at the end, at contact or at T: \|x\| < 0.5 m, \|x'\| < 0.5 m/s, \|e_theta\| < 1 deg, \|theta'\| < 1.14 deg/s,
@@ -71,6 +88,7 @@ def landing(run):
     ----------
     Paper, section "Simulation results and discussions": the bounds of the rates.
     """
+    ours(run, "landing")
     x, v, t = run.x.altitude, run.x.velocity, run.t
     if not len(t):
         return Landing(*[math.nan]*5, None, None, ("the start is beyond the limits of the plant",))
@@ -88,7 +106,7 @@ def landing(run):
     thrust, weight = (p["left"] + p["right"])/12*limits.get("descent__high", math.inf), p["m"]*p["g_m"]
     if thrust <= weight:
         reasons.append(f"full thrust, {thrust:.0f} N, is less than the weight, {weight:.0f} N")
-    reasons += [f"{n} = {q*SOFT[n][1]:.3g} {SOFT[n][2]} at {t[-1]:.1f} s, not within {SOFT[n][0]*SOFT[n][1]:.3g} {SOFT[n][2]}"
+    reasons += [f"{n} = {said(q*SOFT[n][1])} {SOFT[n][2]} at {t[-1]:.1f} s, not within {SOFT[n][0]*SOFT[n][1]:.3g} {SOFT[n][2]}"
                 for n, q in sizes.items() if not abs(q) < SOFT[n][0] and not (n == "velocity" and reasons)]
     lost = np.flatnonzero(np.sin(run.x.theta)*thrust <= weight)
     return Landing(float(t[-1]), *sizes.values(), touchdown, float(t[lost[0]]) if len(lost) else None, tuple(reasons))
@@ -125,7 +143,7 @@ def pulses(run, intervals=(0.0, 100.0, 200.0, 240.0)):
     run : Run
         With a row for each sample: ``simulate(loop, record=4800)``.
     intervals : sequence of float
-        Times between which pulses are counted [s].
+        Times between which pulses are counted [s], increasing.
 
     Returns
     -------
@@ -135,7 +153,7 @@ def pulses(run, intervals=(0.0, 100.0, 200.0, 240.0)):
     Raises
     ------
     ParameterError
-        Rows too far apart to see every pulse.
+        A run of something else, rows too far apart to see every pulse, or intervals that do not increase.
 
     Notes
     -----
@@ -145,7 +163,10 @@ def pulses(run, intervals=(0.0, 100.0, 200.0, 240.0)):
     ----------
     Paper, figures of the off-pulse controls, and eq (59) for the impulse over T.
     """
-    t, tau = run.t, run.tau
+    ours(run, "pulses")
+    t, tau, ends = run.t, run.tau, np.atleast_1d(intervals)
+    if ends.ndim > 1 or len(ends) < 2 or not (np.diff(ends) > 0.0).all():
+        raise ParameterError(f"pulses: intervals = {intervals!r} is not allowed; it must be two times [s] or more that increase")
     if len(t) < 2 or np.diff(t).max() > tau*(1 + 1e-9):
         raise ParameterError(f"pulses: the run has a row every {np.diff(t).max() if len(t) > 1 else math.inf:g} s; it must have "
                              f"one every tau = {tau:g} s: simulate(..., record={round(run.loop.duration/tau)})")
@@ -156,7 +177,7 @@ def pulses(run, intervals=(0.0, 100.0, 200.0, 240.0)):
         lasts, on = np.diff(np.append(t[begins], t[-1])), s[begins] != 0.0
         starts = t[begins[on]]
         rates = [np.sum((starts >= a) & (starts < b))/(min(b, t[-1]) - a) if t[-1] > a else math.nan
-                 for a, b in zip(intervals[:-1], intervals[1:], strict=True)]
+                 for a, b in zip(ends[:-1], ends[1:], strict=True)]
         shortest = [float(lasts[1:-1][q[1:-1]].min(initial=math.inf)) for q in (on, ~on)]  # the first and last may be cut off
         found.append(Pulses(float(np.diff(t)[s != 0.0].sum()/t[-1]), tuple(map(float, rates)), *shortest, float(mean*t[-1])))
     return tuple(found)

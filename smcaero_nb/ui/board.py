@@ -140,14 +140,16 @@ class Live(W.Box):
 
     def _simulated(self, choice, run):
         """Draw a run; what to say of it, and whether it is refused."""
-        first, good = choice != self._drawn, run.diverged_at is None
-        if good or first:
+        good = run.diverged_at is None
+        drawn = good or choice != self._drawn and len(run.t) > 0
+        if drawn:
             self._drawn, self._metrics.value = choice, verdict_html(run) + metrics_html(run)
             self._show(panels(run, *self._shown))
             self._download.show("")
             self.run = run
         if not good:
-            return f"{why_diverged(run)}; {'the curves end there' if first else KEPT}.", True
+            said = "the curves end there" if drawn else KEPT
+            return why_diverged(run) + (f"; {said}." if self.run else "."), True
         return "".join(f"{q}: the theorem does not cover this. " for q in run.doubts()).strip(), False
 
     def _called(self, choice, block):

@@ -127,7 +127,7 @@ class Flight(W.VBox):
     @property
     def figure(self):
         """What is drawn, as a figure of plotly."""
-        return go.Figure(*drawing(self.run, self.t))
+        return go.Figure(*drawing(self.run, self.t)) if self.run else go.Figure()
 
     def show(self, t):
         """Show another moment [s]."""
@@ -143,7 +143,7 @@ class Flight(W.VBox):
 
     def _take(self, run):
         """Show a run, if it is one of a lander."""
-        if isinstance(run, Run) and {"theta", "altitude", "velocity"} <= set(vars(run.x)):
+        if isinstance(run, Run) and len(run.t) and {"theta", "altitude", "velocity"} <= set(vars(run.x)):
             with self._lock:
                 first, self.run = self.run is None, run
                 if first:
@@ -179,7 +179,7 @@ def flight(source):
     Raises
     ------
     ParameterError
-        `source` is something else, or not of a lander, which has theta, altitude and velocity.
+        `source` is something else, not of a lander, which has theta, altitude and velocity, or a run without rows.
 
     Notes
     -----
@@ -195,4 +195,6 @@ def flight(source):
     states = getattr(of, "stages", {}).get("plant")
     if states is None or not {"theta", "altitude", "velocity"} <= set(states.states):
         raise ParameterError(f"flight: {type(source).__name__} is not allowed; it must be a live plot or a run of a lander")
+    if isinstance(source, Run) and not len(source.t):
+        raise ParameterError("flight: the run is not allowed; it must have rows, but it started beyond the limits of the plant")
     return Flight(source)

@@ -6,6 +6,7 @@ import re
 import threading
 import warnings
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import get_args
 
 import anywidget
@@ -69,13 +70,18 @@ def _groups(target):
     blocks = [q for prefix, b in stages.items() for q in _blocks(prefix, b)]
     groups = [(": ".join(filter(None, (" ".join(p.split("__")[:-1]), b.name.replace("_", " ")))), b,
                [f"{p}{n}" for n in b.params], p.startswith(WORLD)) for p, b in blocks]
-    return [*groups, ("initial state", None, [f"{p}{n}" for p, b in reversed(blocks) for n in b.states], True)]
+    starts = {}
+    for p, b in reversed(blocks):
+        starts.setdefault(": ".join(["initial state", *p.split("__")[1:-1]]), []).extend(f"{p}{n}" for n in b.states)
+    return [*groups, *((title, None, names, True) for title, names in starts.items())]
 
 
 def _span(meta, value):
-    """Range of the slider: the declared one, else the bounds, else about the value; always around the value."""
+    """Range of the slider: the declared one, else the bounds, else about the value, as also where that is a few steps of them."""
     low, high = meta.slider or (meta.low, meta.high)
     reach = 4*abs(value) or 1.0
+    if not (meta.log or isinstance(value, int)) and math.isfinite(high - low) and 0.0 < abs(value) < 3*_step(high - low):
+        low, high = max(low, -reach), min(high, reach)
     low = low if math.isfinite(low) else min(0.0 if value > 0 else -reach, high - reach)
     high = high if math.isfinite(high) else max(0.0 if value < 0 else reach, low + reach)
     if meta.log and low <= 0.0:
@@ -97,7 +103,9 @@ def _written(value):
 class _Row:
     """Slider and text entry of one number, the checkbox of a switch, or a list; `asked` is called with what a person asks for."""
 
-    def __init__(self, name, meta, value, kind, asked, shared):
+    def __init__(self, name, meta, value, kind, asked, shared, grid):
+        if meta.samples and grid:  # a slider that stands where it may
+            meta = replace(meta, slider=(grid, grid*max(1, round(meta.slider[1]/grid))))
         say = dict(description=label(name, meta), tooltip=meta.help)
         self.meta, self.kind, self.entry, self.told = meta, kind, None, []
         if kind is bool:
@@ -113,7 +121,8 @@ class _Row:
                 a, b = math.log10(low), math.log10(high)
                 self.widget = W.FloatLogSlider(10.0**a, min=a, max=b, step=_step(b - a), **say)
             else:
-                self.widget = W.FloatSlider(low, min=low, max=high, step=_step(high - low), **say)
+                step = grid if meta.samples and grid else _step(high - low)
+                self.widget = W.FloatSlider(low, min=low, max=high, step=step, **say)
             self.entry = W.Text(continuous_update=False, tooltip=meta.help, layout=shared["layout"], style=shared["text"])
             self.entry.observe(lambda change: asked(name, self.typed(change.new)), "value")
             self.box = W.HBox([self.widget, self.entry], layout=shared["layout"])
@@ -361,9 +370,11 @@ class Mask(W.VBox):
         for i in include or ():
             if not any(n == i or n.startswith(f"{i}__") for n in known):
                 raise unknown("mask: include", i, known)
-        names = [n for n in known if include is None or any(n == i or n.startswith(f"{i}__") for i in include)]
+        names = [n for n, (m, *_) in known.items() if not m.hidden
+                 and (include is None or any(n == i or n.startswith(f"{i}__") for i in include))]
         shared = dict(layout=W.Layout(), slider=W.FloatSlider.style.klass(), text=W.Text.style.klass())
-        rows = {n: _Row(n, *known[n], self._asked, shared) for n in names}
+        grid = (target.tau or target.dt) if isinstance(target, ClosedLoop) else None
+        rows = {n: _Row(n, *known[n], self._asked, shared, grid) for n in names}
         said = {n: (f"{n.replace('__', ' ')} {known[n][0].unit}".removesuffix(" 1"), known[n][0].log) for n in names}
         self.page.tell(said)
         groups = [(title, b, [rows[n].box for n in group if n in rows], folded and include is None)

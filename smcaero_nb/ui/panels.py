@@ -215,7 +215,8 @@ def draw(runs):
         traces += _traces(here, dict(xaxis=f"x{x}", yaxis=f"y{y}", legend=f"legend{y}"), len(runs) > 1, not traces)
         units = {c.label: c.unit for *_, c in here if not c.reference}
         title = ", ".join(units) + (next(iter(units.values())) if len(set(units.values())) == 1 else "")
-        room = [round(5.0*float(np.nanmax(c.y)), 6) for *_, c in here if c.key.startswith("band")]  # sigma beside its band
+        bands = [c.y for *_, c in here if c.key.startswith("band") and len(c.y) > 1]
+        room = [round(5.0*float(np.nanmax(q)), 6) for q in bands]  # sigma beside its band
         left, top = column*(wide + APART), 1 - tops[n]/height
         axes |= {f"yaxis{y}": dict(domain=(max(top - heights[n]/height, 0.0), top), anchor=f"x{x}", title_text=title,
                                    range=(-max(room), max(room)) if any(room) else None, **Y_AXIS),

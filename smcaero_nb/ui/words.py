@@ -119,6 +119,8 @@ def _prose(text):
 def why_diverged(run):
     """When a run diverged and what left its limit, in words; the last row recorded tells which it was."""
     loop = run.loop
+    if not len(run.t):
+        return "diverged at 0 s: the start is beyond the limits of the plant"
     signals = [("y", v, m) for v, m in zip(flat(run.y), flat(loop.metadata("y") or ()), strict=False) if m]
     signals += [(n, getattr(run.x, n), m) for n, m in loop.stages["plant"].states.items()]
     used = {}

@@ -6,7 +6,7 @@
    plant's initial states x4. */
 #include <math.h>
 
-#define COLUMNS 49
+#define COLUMNS 47
 static double clip(double u, double low, double high) { double q = u < high ? u : high; return q > low ? q : low; }
 static double sgn(double s) { return s > 0 ? 1.0 : s < 0 ? -1.0 : 0.0; }
 
@@ -71,7 +71,7 @@ long run(const double *P, double dt, double tau, long m, long n, long every, lon
         if (k == row) {
             double *o = rec + *rows*COLUMNS;
             const double out[COLUMNS] = {t, half_pi, 0, xc, vr, th, om, x, v, e[0], e[1], e[2], e[3], eh[0], eh[1], eh[2], eh[3], sigma[0],
-                sigma[1], vc[0], vc[1], u[0], u[1], d0, d1, th, om, x, v, w[0], w[1], rho[0], s[0], rho[1], s[1], u[0], 0, u[1], 0,
+                sigma[1], vc[0], vc[1], u[0], u[1], d0, d1, th, om, x, v, w[0], w[1], rho[0], s[0], rho[1], s[1], u[0], u[1],
                 slo[0], shi[0], slo[1], shi[1], ulo[0], uhi[0], ulo[1], uhi[1], iv[0], iv[1]};
             for (int i = 0; i < COLUMNS; i++) o[i] = out[i];
             for (int c = 0; c < 2; c++) { slo[c] = shi[c] = sigma[c]; ulo[c] = uhi[c] = u[c]; }

@@ -12,7 +12,7 @@ import numpy as np
 
 import smcaero_nb as smc
 
-COLUMNS = 49
+COLUMNS = 47
 
 
 def in_c(loop):

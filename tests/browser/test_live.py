@@ -21,7 +21,8 @@ FITS = """() => { const plot = document.querySelector('.js-plotly-plot');
                   const inside = e => { const r = e.getBoundingClientRect();
                                         return r.width > 0 && r.left >= box.left - 1 && r.right <= box.right + 1 };
                   return inside(plot.querySelector('.main-svg')) && inside(document.querySelector('.smcaero-mask'))
-                         && ["width", "height"].every(q => Math.abs(plot._fullLayout[q] - plot.getBoundingClientRect()[q]) < 3) }"""
+                         && ["width", "height"].every(q => Math.abs(plot._fullLayout[q]
+                                                                    - plot.getBoundingClientRect()[q]) < 3) }"""
 
 
 @pytest.fixture(scope="module")

@@ -37,7 +37,7 @@ def test_runs_without_an_error(notebook, path, tmp_path):
 
 
 FITTED = """() => [...document.querySelectorAll('.smcaero-picture .js-plotly-plot')].every(plot => {
-    const there = plot.querySelector('.svg-container').getBoundingClientRect(), place = plot.parentElement.getBoundingClientRect();
+    const [there, place] = [plot.querySelector('.svg-container'), plot.parentElement].map(e => e.getBoundingClientRect());
     return plot._fullLayout.height > 300 && ['width', 'height'].every(q => [plot._fullLayout[q], place[q]].every(
         v => Math.abs(v - there[q]) < 3)) })"""
 AREA = "() => window.jupyterapp.commands.execute('application:toggle-left-area')"
@@ -54,14 +54,16 @@ def pictures_fit(nb):
 DATA = """live => { const curves = live.querySelector('.js-plotly-plot').data;
                     return Object.fromEntries(curves.map((c, i) => [c.meta ?? i, Array.from(c.y)])) }"""
 CHANGED = """(live, before) => { const curves = live.querySelector('.js-plotly-plot').data;
-                         const runs = Object.keys(before).filter(k => ['y', 'sigma', 'u', 'phase'].includes(k));
-                         return runs.length ? runs.every(k => curves.find(c => c.meta === k).y.some((v, i) => v !== before[k][i]))
+                         const runs = Object.keys(before).filter(k => ['y', 'sigma', 'u', 'phase'].includes(k.split('[')[0]));
+                         const moved = k => curves.find(c => c.meta === k).y.some((v, i) => v !== before[k][i]);
+                         return runs.length ? [...new Set(runs.map(k => k.split('[')[0]))].every(
+                                                  name => runs.some(k => k.split('[')[0] === name && moved(k)))
                                             : curves.some((c, i) => { const was = before[c.meta ?? i];
                                                                        return !was || c.y.some((v, j) => v !== was[j]) }) }"""
 
 
 def mask_drives_the_plot(nb, live):
-    """The first slider of a mask moves every curve, the phase portrait too."""
+    """The first slider of a mask moves every curve, of one channel at least, and the phase portrait."""
     before = live.evaluate(DATA)
     handle, entry = (live.locator(f".smcaero-row {q}").first for q in ("[role=slider]", "input[type=text]"))
     handle.scroll_into_view_if_needed()
