@@ -701,10 +701,11 @@ def test_a_block_that_never_succeeded():
 def test_any_figure_of_plotly_is_drawn_as_it_is():
     made = [go.Scatter(y=[1.0, 2.0]), go.Pie(values=[1, 2]), go.Bar(x=["a", "b"], y=[3, 4]), go.Heatmap(z=[[1, 2], [3, 4]]),
             go.Scatter(x=1.7e9 + np.arange(3.0), y=[0, 1, 2]), go.Scatter(x=np.arange(3.0), y=101325.0 + 1e-3*np.arange(3)),
-            go.Scatter(x=[0.0, 1.0, 2.0], y=[1.0, np.nan, 3.0])]
+            go.Scatter(x=[0.0, 1.0, 2.0], y=[1.0, np.nan, 3.0]), go.Scatter(x=[0.0, 1.0], y=[np.nan, np.nan]),
+            go.Scatter(x=[0.0, 1.0, 2.0], y=[0.0, 1e39, -2e39])]
 
     @block
-    def figures(k: Annotated[int, Param("k", low=0, high=6)] = 0):
+    def figures(k: Annotated[int, Param("k", low=0, high=8)] = 0):
         return go.Figure(made[k])
 
     p = live(figures)
@@ -718,7 +719,7 @@ def test_any_figure_of_plotly_is_drawn_as_it_is():
                 assert q not in here and numbers == pytest.approx(list(wanted), nan_ok=True)
             else:  # in the trace, as plotly writes it
                 assert here.get(q) == go.Figure(trace).to_plotly_json()["data"][0].get(q)
-            assert bool(numbers) == (wanted is not None and (k, q) not in {(2, "x"), (4, "x"), (5, "y")})
+            assert bool(numbers) == (wanted is not None and (k, q) not in {(2, "x"), (4, "x"), (5, "y"), (8, "y")})
 
 
 def test_a_trial_is_drawn_said_and_saved():
@@ -790,7 +791,8 @@ def test_another_column_is_another_signal(own):
 
 
 @pytest.mark.parametrize("head, chosen", [("t,f", "tf"), ("F,T", "TF"), ("row,t,y", "ty"), ("y,t", "ty"), (",t,y", "ty"),
-                                          ("time [s],x", ("time", "x")), ("f,x", ("x", "f"))])
+                                          ("time [s],x", ("time", "x")), ("f,x", ("x", "f")), ("time [s],T [K]", ("time", "T")),
+                                          ("T,Time", ("Time", "T")), ("F,t,f", "tf")])
 def test_columns_are_guessed_by_name_then_by_place_and_none_twice(own, head, chosen):
     own.take("a.csv", (head + "\n" + "".join(",".join([str(k)]*len(head.split(","))) + "\n" for k in range(150))).encode())
     assert [w.value for w in own.entries.values()] == list(chosen) and own.live.mask.choice.value == "a.csv"

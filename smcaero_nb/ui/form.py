@@ -279,7 +279,7 @@ class Mask(W.VBox):
     def offer(self, name, target):
         """Offer another loop or block, or another under a name, and choose it."""
         with self._lock:
-            if "" in self.offered:  # one that needed no name
+            if [*self.offered] == [""]:  # one that needed no name
                 first = self.offered[""].name or "given"
                 self.offered, self._given, self._forms = ({first: q[""]} for q in (self.offered, self._given, self._forms))
             old = self.choice.value or first

@@ -109,7 +109,7 @@ class Upload(Own):
         finally:
             self._quiet = False
         self._quiet, columns = True, [n for n, w in self.entries.items() if isinstance(w, W.Dropdown)]
-        alike = {n: q for n in columns for q in names[::-1] if q.lower() == n}
+        alike = {n: q for n in columns if (q := _alike(n, names))}
         for i, n in enumerate(columns):
             likely = i < len(names) and (i < 2 or len(names) == len(columns))
             free = [q for q in names[i:] + names[:i] if q not in alike.values()]
@@ -160,6 +160,12 @@ class TransferFunction(Own):
         made = self._make(control.tf(num, den, name="own"))
         made()  # an improper one is refused here
         return name, made, f"{name} is chosen in the mask."
+
+
+def _alike(name, names):
+    """The column that is called like a signal: a T beside a time is a temperature."""
+    ways = (str(name).__eq__, lambda q: name == "t" and q.lower().startswith("time"), lambda q: q.lower() == name)
+    return next((q for way in ways for q in names if way(q)), None)
 
 
 def _number(name, text):

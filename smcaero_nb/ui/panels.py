@@ -214,7 +214,8 @@ def draw(runs):
         x = str(1 + column + columns*(row == PHASE)) if column or row == PHASE else ""
         traces += _traces(here, dict(xaxis=f"x{x}", yaxis=f"y{y}", legend=f"legend{y}"), len(runs) > 1, not traces)
         units = {c.label: c.unit for *_, c in here if not c.reference}
-        title = ", ".join(units) + (next(iter(units.values())) if len(set(units.values())) == 1 else "")
+        unit = next(iter(units.values())) if len(set(units.values())) == 1 else ""
+        title = LAW if len(units) > 3 else ", ".join(units) + unit
         bands = [c.y for *_, c in here if c.key.startswith("band") and len(c.y) > 1]
         room = [round(5.0*float(np.nanmax(q)), 6) for q in bands]  # sigma beside its band
         left, top = column*(wide + APART), 1 - tops[n]/height

@@ -74,7 +74,7 @@ def _numbers(values):
         return ()
     if full.ndim != 1 or not full.size:
         return ()
-    drawn = np.asarray(values, np.float32)
     with np.errstate(all="ignore"):
-        coarse = getattr(values, "dtype", None) != np.float32 and np.nanmax(np.abs(drawn - full)) > 1e-4*np.ptp(full)
-    return () if coarse else drawn
+        drawn, there = full.astype(np.float32), full[np.isfinite(full)]
+        coarse = there.size and np.abs(there.astype(np.float32) - there).max() > 1e-4*np.ptp(there)
+    return () if coarse and getattr(values, "dtype", None) != np.float32 else drawn
