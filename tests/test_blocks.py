@@ -216,7 +216,7 @@ def test_a_helper_may_be_reached_through_a_module_and_may_call_itself():
 
     @block
     def cubic(sigma):
-        return smc.smc1.relay.sign(sigma)*power(abs(sigma), 3)
+        return smc.core.signal.sign(sigma)*power(abs(sigma), 3)
 
     run = simulate(ClosedLoop(integrator, output=minus, law=cubic), 1.0, 0.25)
     plain = simulate(ClosedLoop(integrator, output=minus, law=cubic), 1.0, 0.25, jit=False)

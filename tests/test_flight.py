@@ -151,6 +151,19 @@ def test_a_choice_of_another_vehicle_leaves_the_last_lander():
     assert film.run is last
 
 
+@pytest.mark.parametrize("off", ["surface__attitude__conditional", "surface__descent__limited"])
+def test_an_extension_switched_off_in_the_mask_shows_what_it_is_for(picture, off):
+    """Without the reset of the attitude's integral the lander tumbles; with the altitude's linear surface it crashes."""
+    picture.mask.widgets[off].value = False
+    picture.wait()
+    assert "smcaero-bad" in picture._metrics.value and "it hit the ground after" in picture._metrics.value
+    turned = np.ptp(picture.curves["y[0]"].y)  # deg
+    assert turned > 360.0 if off.endswith("conditional") else turned < 10.0
+    picture.mask.reset()
+    picture.wait()
+    assert "Landed softly" in picture._metrics.value
+
+
 def test_a_start_beyond_the_limits_is_said(picture):
     far = rpl.loop().with_(plant__altitude=2e6)
     before = picture.curves["y[1]"].y.copy()

@@ -95,6 +95,7 @@ def test_the_governed_command_blends_in():
         assert (rpl.governed_command(t) == rpl.command(t)) == (t > 60.0)
     assert np.allclose(rates, 0.0, atol=1e-5)
     assert rpl.governed_command(0.0) == ((math.pi/2, 0.0), (6500.0, -10.0))
+    assert rpl.governed_command.with_(governed=False)(20.0) == rpl.command(20.0)
 
 
 def test_vector_relative_degree():

@@ -14,7 +14,12 @@ try:
 except ImportError:  # simulate(..., jit=False) needs no numba
     TUPLES, overload = (tuple,), None
 
-__all__ = ["filtered", "first", "flat", "leaves", "norm", "scaled", "shape", "solved", "text"]
+__all__ = ["filtered", "first", "flat", "leaves", "norm", "scaled", "shape", "sign", "solved", "text"]
+
+
+def sign(s):
+    """Sign of a number; 0 at 0."""
+    return (s > 0.0)*1.0 - (s < 0.0)*1.0
 
 
 def shape(s):

@@ -6,7 +6,8 @@ from typing import Annotated
 import numpy as np
 
 from ..core import Param, block
-from .homogeneous import order, power, sign
+from ..core.signal import sign
+from .homogeneous import order, power
 
 __all__ = ["adaptive_continuous"]
 

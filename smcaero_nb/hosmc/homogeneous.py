@@ -10,16 +10,11 @@ from typing import Annotated
 from ..core import Param, block
 from ..core.theorem import MARGIN
 
-__all__ = ["law", "order", "power", "ratio", "sign"]
+__all__ = ["law", "order", "power", "ratio"]
 
 BOUND = Param("L", "[v]", low=1e-9, log=True, slider=(1e-2, 100.0), help="bound of the perturbation |xi|")
 SPEED = Param(r"\lambda", "1", low=1e-3, log=True, slider=(0.1, 10.0),
               help="converges this many times as fast, for a control lambda^r times as large")
-
-
-def sign(s):
-    """Sign of a number; 0 at 0."""
-    return (s > 0.0)*1.0 - (s < 0.0)*1.0
 
 
 def power(x, a):

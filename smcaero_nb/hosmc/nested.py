@@ -2,7 +2,8 @@ r"""Nested higher-order sliding mode control: a relay whose switching surface is
 
 import math
 
-from .homogeneous import law, order, sign
+from ..core.signal import sign
+from .homogeneous import law, order
 
 __all__ = ["nested"]
 

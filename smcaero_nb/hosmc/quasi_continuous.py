@@ -3,7 +3,8 @@ r"""Quasi-continuous higher-order sliding mode control: discontinuous at sigma =
 import math
 
 from ..core.param import chosen
-from .homogeneous import law, order, power, ratio, sign
+from ..core.signal import sign
+from .homogeneous import law, order, power, ratio
 
 __all__ = ["quasi_continuous"]
 

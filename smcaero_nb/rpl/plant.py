@@ -204,7 +204,8 @@ def governed_command(t, printed: Printed = False,
                      T_r: Annotated[float, Param("T_r", "s", low=1.0, help="extension: time to blend into the descent",
                                                  slider=(10.0, 120.0))] = 60.0,
                      start: Annotated[float, Param("x_0", "m", help="extension: altitude to blend in from",
-                                                   slider=(5000.0, 7000.0))] = 6500.0):
+                                                   slider=(5000.0, 7000.0))] = 6500.0,
+                     governed: Annotated[bool, Param("governor extension", help="extension: blend in; off: `command`")] = True):
     r"""Extension, command governor: `command`, blended in from the altitude at the start.
 
     .. math:: r_x = x_c + (x_0 - 6000)\,(1 - 10 s^3 + 15 s^4 - 6 s^5), \qquad s = \min(t/T_r, 1)
@@ -219,6 +220,8 @@ def governed_command(t, printed: Printed = False,
         Time of the blend [s].
     start : float
         Altitude at t = 0 [m].
+    governed : bool
+        Off: `command` as it is.
 
     Returns
     -------
@@ -232,7 +235,7 @@ def governed_command(t, printed: Printed = False,
     The error e is then that from the governed command.
     """
     pitch, (x, v) = command(t, printed)
-    s, height = min(t/T_r, 1.0), start - 6000.0
+    s, height = min(t/T_r, 1.0), start - 6000.0 if governed else 0.0
     return pitch, (x + height*(1.0 - s*s*s*(10.0 - 15.0*s + 6.0*s*s)), v - 30.0*height*s*s*(1.0 - s)*(1.0 - s)/T_r)
 
 

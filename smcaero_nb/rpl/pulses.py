@@ -4,7 +4,7 @@ import math
 from typing import Annotated
 
 from ..core import Param, ParameterError, block
-from ..smc1.relay import sign
+from ..core.signal import sign
 
 __all__ = ["dead_band", "dead_bands", "dither", "modified_sign", "pulse_modulator", "sample_and_hold", "thruster"]
 

@@ -3,8 +3,8 @@
 from typing import Annotated
 
 from ..core import Param, block
-from ..core.signal import norm, scaled
-from .relay import Layer, sign
+from ..core.signal import norm, scaled, sign
+from .relay import Layer
 
 __all__ = ["adaptive_quasi_smc", "adaptive_quasi_unit_vector", "adaptive_smc", "adaptive_unit_vector"]
 

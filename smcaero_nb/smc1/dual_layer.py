@@ -4,8 +4,8 @@ import math
 from typing import Annotated
 
 from ..core import Param, block
-from ..core.signal import filtered, norm, scaled
-from .relay import Layer, sign
+from ..core.signal import filtered, norm, scaled, sign
+from .relay import Layer
 
 __all__ = ["dual_layer_quasi_smc", "dual_layer_smc", "dual_layer_unit_vector"]
 

@@ -4,6 +4,7 @@ import math
 from typing import Annotated
 
 from ..core import Param, block, exceeds
+from ..core.signal import sign
 from ..core.theorem import MARGIN
 
 __all__ = ["adaptive_super_twisting", "super_twisting"]
@@ -58,7 +59,7 @@ def super_twisting(sigma, z, tau,
     Paper eq (21). A. Levant, Int. J. Control 58 (1993) 1247. The gains: R. Seeber and M. Horn, Automatica 84 (2017) 241.
     """
     w, = z
-    s = (sigma > 0.0)*1.0 - (sigma < 0.0)*1.0
+    s = sign(sigma)
     return lam*math.sqrt(abs(sigma))*s + w, (w + tau*beta*s,)
 
 
@@ -115,6 +116,6 @@ def adaptive_super_twisting(
     (1993) 1247.
     """
     lam, w = z
-    s = (sigma > 0.0)*1.0 - (sigma < 0.0)*1.0
+    s = sign(sigma)
     rate = (gamma if abs(sigma) > mu else -gamma) if lam > lam_min else eta
     return lam*math.sqrt(abs(sigma))*s + w, (lam + tau*rate, w + tau*eps*lam*s)

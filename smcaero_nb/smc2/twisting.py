@@ -6,6 +6,7 @@ from typing import Annotated
 
 from ..core import Param, block, exceeds
 from ..core.param import positive
+from ..core.signal import sign
 
 __all__ = ["Gains", "adaptive_twisting", "gains", "twisting"]
 
@@ -19,7 +20,7 @@ Gains.__doc__ = "Parameters for `super_twisting` and `twisting`, each a dict for
 def twisted(sigma, v, tau, alpha_1, alpha_2, v_M):
     """The next v, from (sigma, sigma')."""
     s, ds = sigma
-    rate = alpha_1*((s > 0.0)*1.0 - (s < 0.0)*1.0) + alpha_2*((ds > 0.0)*1.0 - (ds < 0.0)*1.0)
+    rate = alpha_1*sign(s) + alpha_2*sign(ds)
     return v + tau*(rate if abs(v) < v_M else -v)
 
 
