@@ -81,6 +81,12 @@ def _extremes(t, y, low, high):
             np.append(y[0], np.column_stack([first, second, b])))
 
 
+def _single(values):
+    """As drawn; what is too large is infinite."""
+    with np.errstate(over="ignore"):
+        return values.astype(np.float32)
+
+
 def _corners(t, y):
     """A curve without the inner points of its level stretches."""
     keep = np.ones(len(t), bool)
@@ -121,8 +127,7 @@ def panels(run, states=(), phase=False):
     def add(key, row, column, meta, y, *between, reference=False, number=None, held=False):
         ts, ys = _corners(t, y) if samples else _extremes(t, y, *between) if between and len(t) > 1 else (t, y)
         key += f"[{column if number is None else number}]"*(many or number is not None)
-        curves.append(Curve(key, row, column, meta, ts.astype(np.float32), (shown(meta)[0]*ys).astype(np.float32), reference,
-                            held=held))
+        curves.append(Curve(key, row, column, meta, _single(ts), _single(shown(meta)[0]*ys), reference, held=held))
 
     for c, (ys, rs) in enumerate(zip(outputs, _channels(run.r, about["y"], many), strict=True) if followed else ()):
         for row, key, (y, meta), r in zip(("output", "rate"), ("", "d"), ys, [*rs, None], strict=False):
@@ -151,13 +156,13 @@ def panels(run, states=(), phase=False):
             if b.band:
                 band = np.array([b.band(q, b.values) for q in t])
                 ts, band = _corners(t, band)
-                x, y = (np.concatenate(q, dtype=np.float32) for q in ((ts, [math.nan], ts), (band, [math.nan], -band)))
+                x, y = (_single(np.concatenate(q)) for q in ((ts, [math.nan], ts), (band, [math.nan], -band)))
                 curves.append(Curve(f"band{f'[{c}]'*many}", "sliding variable", c, Param(r"\delta", "[sigma]"), x, y, True))
             for n, meta in b.states.items():
                 if not meta.hidden:
                     add(f"law.{n}", LAW, c, meta, getattr(getattr(run.z.law, name) if name else run.z.law, n))
     for c, (name, x, y) in enumerate(_portraits(run) if phase else ()):
-        curves.append(Curve(f"phase{name}", PHASE, min(c, len(outputs) - 1), Param(), x.astype(np.float32), y.astype(np.float32),
+        curves.append(Curve(f"phase{name}", PHASE, min(c, len(outputs) - 1), Param(), _single(x), _single(y),
                             across=Param(r"\sigma")))
     places = list(dict.fromkeys((c.row, c.column) for c in curves))
     return sorted(curves, key=lambda c: places.index((c.row, c.column)))  # the order of the traces in the figure
