@@ -73,7 +73,7 @@ def _groups(target):
     starts = {}
     for p, b in reversed(blocks):
         starts.setdefault(": ".join(["initial state", *p.split("__")[1:-1]]), []).extend(f"{p}{n}" for n in b.states)
-    return [*groups, *((title, None, names, True) for title, names in starts.items())]
+    return [*groups, *((title, None, names, True) for title, names in sorted(starts.items()))]
 
 
 def _span(meta, value):
