@@ -2,6 +2,7 @@
 
 import csv
 import math
+import os
 import pathlib
 import re
 from functools import cached_property
@@ -18,12 +19,21 @@ SECONDS = {"": 1.0, "s": 1.0, "sec": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6
            "h": 3600.0}
 
 
+def _decoded(data):
+    if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        return data.decode("utf-16")
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return data.decode("cp1252", errors="replace")  # the five bytes that it does not know
+
+
 class Table:
     """Lines of numbers under a line of names.
 
     Commas, semicolons, tabs or blanks stand between the numbers; lines that begin with ``#`` or ``%`` are passed over, and a
     unit stands in brackets behind the name: ``time [ms]``, ``theta (rad)``. With semicolons, tabs or blanks a comma in a number
-    is its decimal point. Characters that are not UTF-8 or UTF-16, which only names can have, become question marks.
+    is its decimal point. What is not UTF-8 or UTF-16 is read as Windows-1252.
 
     Parameters
     ----------
@@ -47,14 +57,15 @@ class Table:
 
     def __init__(self, owner, source):
         stream = hasattr(source, "read")
-        path = pathlib.Path(getattr(source, "name", "file") if stream else source)
-        self.owner, self.file, self.name = owner, path.name, path.stem
+        name = getattr(source, "name", None) if stream else source
+        if not stream and not isinstance(source, (str, os.PathLike)):
+            raise ParameterError(f"{owner}: path = {source!r} is not allowed; it must be a path or an open file")
+        path = pathlib.Path(name if isinstance(name, (str, os.PathLike)) else "file")  # that of a temporary file is a number
+        self.owner, self.file, self.name, self._serves = owner, path.name, path.stem, {}
         try:
             text = source.read() if stream else path.read_bytes()
-            if isinstance(text, bytes):
-                code = "utf-16" if text[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig"
-                text = text.decode(code, errors="strict" if code == "utf-16" else "replace")
-        except (OSError, UnicodeDecodeError) as why:
+            text = _decoded(text) if isinstance(text, bytes) else text
+        except (OSError, ValueError) as why:  # ValueError: what is no text, a path with a NUL, a file that is closed
             self.refuse(f"cannot be read: {why}")
         lines = [(i, q) for i, q in enumerate(text.splitlines(), 1)
                  if q.strip() and q.strip()[0] not in "#%" and not q.lower().startswith("sep=")]
@@ -63,6 +74,8 @@ class Table:
         (self.top, head), *rows = lines
         self.sep = next((s for s in sorted(";\t,", key=head.count, reverse=True) if s in head), None)
         self.lines, self._rows = zip(*rows, strict=True)
+        if self.sep is None:  # a unit belongs to the name before it
+            head = re.sub(r"\s*([\[(][^\])]*)", lambda q: "".join(q[1].split()), head)
         columns = [re.match(r"([^\[(]*)(?:[\[(]([^\])]*))?", q).groups("") for q in self._split(head)]
         self.names, self.units = [n.strip() for n, _ in columns], [u.strip() for _, u in columns]
         if any(math.isfinite(self._number(n)) for n in self.names):
@@ -97,12 +110,14 @@ class Table:
         Raises
         ------
         ParameterError
-            It is not there, or a field is not a finite number, by line and column.
+            It is not there, or serves as something else, or a field is not a finite number, by line and column.
         """
         if name not in self.names:
             self.refuse(f"{what} = {name!r} is not there; the columns are {', '.join(self.names)}", self.top)
         if self.names.count(name) > 1:
             self.refuse(f"{what} = {name!r} stands over {self.names.count(name)} columns; give each a name of its own", self.top)
+        if (other := self._serves.setdefault(name, what)) != what:
+            self.refuse(f"{what} = {name!r} serves as {other} already; each needs a column of its own", self.top)
         j = self.names.index(name)
         values = np.empty(len(self.rows))
         for k, (line, fields) in enumerate(zip(self.lines, self.rows, strict=True)):

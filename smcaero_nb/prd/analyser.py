@@ -49,12 +49,12 @@ class Analysis:
     reason: str = ""
 
 
-def analyse(t, away, start, n, alpha):
-    """Differentiate with order k = 1, 2, ... and see which z_k steps within `n` samples from the index `start` on.
+def analyse(t, away, start, n, h, alpha):
+    """Differentiate with order k = 1, 2, ... and see which z_k steps within `n` samples, `h` apart, from the index `start` on.
 
     Inside, time is counted in windows and the response in its peak, so that one set of numbers serves all records.
     """
-    window, size = n*(t[1] - t[0]), np.abs(away).max()
+    window, size = n*h, np.abs(away).max()
     s, f = (np.arange(len(t)) - start)/n, away/size
     half, end = start + n//2, start + n
     jumps, bends, noise, jump_times, bounds, derivatives, before = [], [], [], [], [], [], f

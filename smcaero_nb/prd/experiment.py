@@ -15,7 +15,7 @@ __all__ = ["Probe", "experiment"]
 SCALES = (1e-3, 10.0)  # windows of models [s]
 COUNT = 17
 
-Window = Annotated[float, Param("w", "s", low=1e-9, log=True, slider=SCALES, help="what happens within it counts as at once")]
+Window = Annotated[float, Param("w", "s", low=1e-15, log=True, slider=SCALES, help="what happens within it counts as at once")]
 Alpha = Annotated[float, Param(r"\alpha", low=0.01, high=0.15, help="share of its step that a derivative may still lack")]
 Height = Annotated[float, Param(r"\Delta u", "[u]", help="height of the step", slider=(-2.0, 2.0))]
 Noise = Annotated[float, Param("noise", low=0.0, high=1.0, slider=(0.0, 0.01),

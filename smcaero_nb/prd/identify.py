@@ -7,9 +7,9 @@ import numpy as np
 
 from ..core import Block, ClosedLoop, Param, ParameterError
 from ..core.param import positive
-from .analyser import Analysis, analyse
+from .analyser import ORDERS, Analysis, analyse
 from .models import responses
-from .power_law import PowerLaw, power_law
+from .power_law import PowerLaw, extrapolated, power_law
 from .records import Record
 from .results import PRDResult, PRDSweep, VectorPRD
 
@@ -18,10 +18,9 @@ __all__ = ["identify", "sweep"]
 SPAN = 1.25  # of the window: how long after the step a derivative may go on moving
 SHORTEST = 40  # samples in a window, at least
 REST = 0.05  # drift before the step, relative to the response, from which the plant was not at rest
-FINE = 1e-9  # noise relative to the response, below which the sixth difference may show the response itself
-ALONE = 0.05  # noise of the derivative that steps, up to which the analyser is believed against the power law
+FINE = 1e-9  # noise relative to the response, up to which the sixth difference may show the response itself
 STEPPED = 2.0  # slope of z_(k-1) at once after the step, relative to later, from which z_(k-1) has itself stepped
-ONSET = 0.2  # distance of the slope, extrapolated to the step, from the whole number it names
+CLEAN, ONSET = 0.02, 0.2  # of the slope at the step, to believe the power law alone; or with another window, both methods
 ALPHA, NOISE = Param(low=0.01, high=0.15), Param(low=0.0, high=1.0)  # from alpha = 1 - 1/SPAN on, a ramp would be a step
 DEFAULT = 0.02  # window of models [s]: the paper's record of eq (7), sampled every 1e-4 s, has 200 samples in it
 
@@ -52,29 +51,33 @@ def _at(record, window, alpha):
     rest = y[:start]
     away = y - np.median(rest)
     size = float(np.abs(away[start:]).max())
-    drift, hiss = float(np.ptp([np.median(q) for q in np.array_split(rest, 5)])), _ripple(rest)
-    noise, why = max(float(rest.std()), _ripple(y[start + 8:])), ""
+    f = away/(size or 1.0)  # in which a square does not overflow
+    before, why = f[:start], ""
+    drift = float(np.ptp([np.median(q) for q in np.array_split(before, 5)]))
+    noise = max(float(before.std()), _ripple(f[start + 8:]))
     if size == 0.0:
         why = "the output does not respond to the input"
-    elif drift > REST*size and drift > 6.0*hiss/np.sqrt(start/5):
-        why = f"the plant was not at rest before the step: the output drifted by {drift/size:.0%} of the response"
+    elif drift > REST and drift > 6.0*_ripple(before)/np.sqrt(start/5):
+        why = f"the plant was not at rest before the step: the output drifted by {drift:.0%} of the response"
     if why:
-        analysis = Analysis(None, derivatives=np.zeros((5, len(t))), reason=why)
-        power = PowerLaw(None, np.nan, (np.nan, np.nan), noise, why)
+        analysis = Analysis(None, derivatives=np.zeros((len(ORDERS), len(t))), reason=why)
+        power = PowerLaw(None, np.nan, (np.nan, np.nan), noise*size, why)
     else:
-        power = power_law(t[start:] - record.step_time, away[start:], noise, SPAN*window)
-        if noise > FINE*size:
+        power = power_law(t[start:] - record.step_time, away[start:], noise*size, SPAN*window)
+        if noise > FINE:
             # a coarse log is quiet before the step and noisy after it: let the analyser hear beforehand what is to come
-            away[:start] += np.sqrt(max(noise**2 - rest.var(), 0.0))*np.random.default_rng(0).standard_normal(start)
-        analysis = analyse(t, away, start, n, alpha)
-    a, b = analysis.prd, power.prd
-    prd, confirmed = a or b, a is not None and a == b
-    if prd and not confirmed:
-        quiet, bends = analysis.noise[prd - 1] <= ALONE, analysis.bends[:prd]
-        if quiet and not (a and bends == sorted(bends) and bends[-1] <= STEPPED):
-            prd, why = None, "no derivative steps as it would from rest: within the window the plant goes its own way; "
-        elif a and b and not quiet:
-            prd = None
+            away[:start] += size*np.sqrt(max(noise**2 - before.var(), 0.0))*np.random.default_rng(0).standard_normal(start)
+        analysis = analyse(t, away, start, n, record.h, alpha)
+    a, b, bends = analysis.prd, power.prd, analysis.bends[:analysis.prd or 0]
+    if a == b or b and abs(power.onset - b) <= CLEAN:
+        prd = b
+    elif bends and bends == sorted(bends) and bends[-1] <= STEPPED:  # z_a steps; in noise nobody can tell which of the two errs
+        prd = None if b and noise > FINE else a
+    elif b and not a and noise > FINE:
+        prd = b
+    else:
+        prd, why = None, "no derivative steps as it would from rest: within the window the plant goes its own way; "
+    confirmed = prd is not None and a == b
     if analysis.jumps and not confirmed:
         why += "; ".join(f"{m}: {said}" for m, said in (("analyser", analysis.reason or f"PRD {a}"), (
             "power law", power.reason or f"PRD {b}, slope {power.slope:.2f}")))
@@ -85,7 +88,7 @@ def _at(record, window, alpha):
     elif prd:
         gain = np.median(analysis.derivatives[prd - 1, start + n//2:start + n + 1])
     return PRDResult(prd, confirmed, float(window), alpha, analysis, power, float(gain)/record.amplitude,
-                     noise/size if size else np.nan, why, t, y, record.step_time, record.amplitude, record.name)
+                     noise if size else np.nan, why, t, y, record.step_time, record.amplitude, record.name)
 
 
 def _searched(record, alpha):
@@ -97,12 +100,13 @@ def _searched(record, alpha):
     first = next((i for i, q in enumerate(results) if q.power.prd), len(results) - 1)
     near, seen = results[first].power, results[first:first + 3]
     far = next((q.power for q in results[first + 1:] if q.power.octave[0] > 1.4*near.octave[0]), None)
-    onset = near.slope - (far.slope - near.slope)/(far.octave[0]/near.octave[0] - 1.0) if far else np.nan  # at the step itself
+    onset = extrapolated(near.slope, far.slope, far.octave[0]/near.octave[0]) if far else np.nan
     if agreed := [q for q in seen if q.confirmed and q.prd == near.prd and abs(onset - q.prd) <= ONSET]:
         return agreed[0]
     said = near.reason or "slope " + ", ".join(f"{q.power.slope:.2f} at {q.time_scale:.3g} s" for q in seen)
-    return replace(seen[0], prd=None, confirmed=False, gain=np.nan, reason="the methods agree at no short time scale (power law: "
-                   f"{said}); give a window, or a record with less noise or more samples")
+    why = "the methods agree at no short time scale" if len(results) > 1 else "only one window fits, and it takes two to compare"
+    return replace(seen[0], prd=None, confirmed=False, gain=np.nan, reason=f"{why} (power law: {said}); give a window, or a "
+                   "record with less noise or more samples")
 
 
 def identify(source, *, output=None, surface=None, window=None, alpha=0.1, amplitude=1.0, noise=0.0, x0=None):
@@ -132,8 +136,9 @@ def identify(source, *, output=None, surface=None, window=None, alpha=0.1, ampli
         Of a plant block: what is measured (default: the block's own output, else its states, for one input the first), and a
         sliding variable of it, which is then what is identified.
     window : float, optional
-        w [s]: what happens within it counts as at once. Default: 0.02 s for models; for a record, the shortest at which the
-        methods agree, among those that are 1/1.25, 1/2.5, 1/5, ... of what follows the step.
+        w [s]: what happens within it counts as at once. Default: 0.02 s for models; for a record, of those that are 1/1.25,
+        1/2.5, 1/5, ... of what follows the step, the shortest at which the power law shows, or one of the next two: the first
+        at which both methods confirm it, if the slope from window to window leads there as well.
     alpha : float
         Share of its excursion that a derivative may still lack at the end of the window, 0.01 to 0.15; from 0.2 on, even
         a ramp would pass as a step: it makes 1/1.25 of its way within w.
@@ -161,8 +166,10 @@ def identify(source, *, output=None, surface=None, window=None, alpha=0.1, ampli
     -----
     **The PRD belongs to a time scale**: a lag much shorter than the window is not seen, one much longer is an integrator.
     Where some time constant is of the size of the window (0.3 to 3 of it) the two methods often disagree, and the answer is
-    the analyser's, unconfirmed, if the slopes of the derivatives below fit a step; where they do not, as for an unstable plant
-    seen for longer than its time constant, there is none. See `sweep`.
+    unconfirmed: that of the power law, if the slope, extrapolated to the step, misses a whole number by 0.02 at most; else the
+    analyser's, if the slopes of the derivatives below fit a step; where they do not, as for an unstable plant seen for longer
+    than its time constant, there is none. See `sweep`. Of 200 random plants with poles of 0.03 to 0.5 per window 200 are right
+    without noise, 179 of them confirmed; with poles of 0.1 to 1 per window 186 are right and 5 wrong, none of them confirmed.
 
     High orders can be told by the analyser only from records that are nearly free of noise: for orders 1 to 5, with 200 samples
     in a window, noise of 5e-3, 3e-4, 1e-4, 1e-5, 1e-6 of the response. The power law stands 1e-3 for all of them. Where the
@@ -173,10 +180,12 @@ def identify(source, *, output=None, surface=None, window=None, alpha=0.1, ampli
     motion taken off. A plant with a tuple of numbers as output and several inputs has one output an entry.
 
     The paper gives alpha = 0.1 but no formula for it. The analyser here is one that gives its answers: 5 for eq (7) at 20 ms,
-    and for `lv.launcher` 5 at 20 ms, 3 at 0.3 s and, as its design takes it, 2 at 0.6 s.
+    and for `lv.launcher` 5 at 20 ms, 3 at 0.3 s and, as its design takes it, 2 at 0.6 s. It compares what a derivative
+    makes within w with what it makes within 1.25 w; over 10, 5 and 1.7 w it would give 5, 5 and 3 for `lv.launcher` at 5 ms,
+    50 ms and 0.6 s, where it gives 3, 4 and 2 here.
 
     Erratum: none in the paper's numbers, but "relative degree" and PRD differ: that of `lv.launcher` is 3, by the small
-    inertial coupling, which the analyser sees below 5 ms.
+    inertial coupling, which both methods see up to 5 ms.
 
     References
     ----------
@@ -260,5 +269,5 @@ def sweep(source, windows, **settings):
     >>> sweep(smc.lv.transfer_function(), (0.02, 0.3, 0.6)).prd
     (5, 3, 2)
     """
-    windows = tuple(positive("prd.sweep", "windows", w) for w in np.atleast_1d(windows).tolist())
+    windows = tuple(positive("prd.sweep", "windows", w) for w in (windows if np.iterable(windows) else [windows]))
     return PRDSweep(windows, tuple(identify(source, window=w, **settings) for w in windows))

@@ -5,7 +5,7 @@ import sys
 
 import numpy as np
 
-from ..core import Block, ClosedLoop, ParameterError, block, simulate
+from ..core import Block, BlockError, ClosedLoop, ParameterError, block, simulate
 from ..core.engine import inputs
 from ..core.metrics import heads
 from ..interop import matrices
@@ -50,6 +50,13 @@ def _finer(name, f, x, h, most):
     return max(1, math.ceil(FINE*h*fastest))
 
 
+def _diverged(name, since):
+    """The error for a model that does not stay finite."""
+    return ParameterError(f"prd.identify: {name} " + (
+        f"diverges {since:.3g} s after the step; take a shorter window or a smaller amplitude" if since > 0.0 else
+        "does not stay finite even before the step; look at its equations, and where it starts"))
+
+
 # ---- each gives [input][output] of arrays of REST + MOTION samples ---------------------------------------------------
 def _linear(source, h, amplitude):
     """Exact at the samples."""
@@ -57,20 +64,27 @@ def _linear(source, h, amplitude):
 
     A, B, C, D, _ = matrices(source)
     n, m = B.shape
-    E = expm(np.block([[A, B], [np.zeros((m, n + m))]])*h)
     ys = np.zeros((m, len(C), REST + MOTION))
     x = np.zeros((n, m))
-    for k in range(MOTION):  # all inputs at once, one a column
-        ys[:, :, REST + k] = (C @ x + D).T*amplitude
-        x = E[:n, :n] @ x + E[:n, n:]
+    with np.errstate(all="ignore"):
+        E = expm(np.block([[A, B], [np.zeros((m, n + m))]])*h)
+        for k in range(MOTION):  # all inputs at once, one a column
+            ys[:, :, REST + k] = (C @ x + D).T*amplitude
+            x = E[:n, :n] @ x + E[:n, n:]
+    if len(wrong := np.flatnonzero(~np.isfinite(ys).all(axis=(0, 1)))):
+        raise _diverged(source.name, (wrong[0] - REST)*h)
     return ys
 
 
 def _nonlinear(source, h, amplitude, x0):
     """The system as a block, from `x0`; it is no code that a compiler knows."""
-    if not source.nstates or not source.isctime():
-        raise ParameterError(f"prd.identify: source '{source.name}' has no states or is discrete-time; it must be continuous")
-    x0 = np.zeros(source.nstates) if x0 is None else np.asarray(x0, float)
+    if not (source.nstates and source.ninputs and source.isctime()):
+        raise ParameterError(f"prd.identify: source '{source.name}' has no states, no inputs or is discrete-time; it must have "
+                             "both, and be continuous")
+    try:
+        x0 = np.zeros(source.nstates) if x0 is None else np.asarray(x0, float)
+    except (TypeError, ValueError):
+        raise ParameterError(f"prd.identify: x0 = {x0!r} is not allowed; it must be {source.nstates} numbers") from None
     if x0.shape != (source.nstates,):
         raise ParameterError(f"prd.identify: x0 has the shape {x0.shape}; source '{source.name}' has {source.nstates} states")
 
@@ -83,6 +97,10 @@ def _nonlinear(source, h, amplitude, x0):
         y = tuple(map(float, np.atleast_1d(source.output(t, np.array(x), np.atleast_1d(u)))))
         return y if len(y) > 1 else y[0]
 
+    try:
+        motion(0.0, x0, np.zeros(source.ninputs), 0.0), output(0.0, x0, np.zeros(source.ninputs))
+    except Exception as why:
+        raise BlockError(f"source '{source.name}' does not run where it starts: {type(why).__name__}: {why}") from why
     motion.__name__ = source.name
     plant = block(state={f"x{i}": v for i, v in enumerate(x0.tolist())})(motion)
     return _block(plant, block(output), None, h, amplitude, PLAIN)[1]
@@ -110,8 +128,7 @@ def _block(source, output, surface, h, amplitude, most=COMPILED):
         run = simulate(loop.with_(**height), (REST + MOTION)*h, h/finer, h, method="rk4", record=REST + MOTION,
                        jit=finer > 4 and most > PLAIN)
         if run.diverged_at is not None:
-            raise ParameterError(f"prd.identify: {plant.name} diverges {run.diverged_at - REST*h:.3g} s after the step; take a "
-                                 "shorter window or a smaller amplitude")
+            raise _diverged(plant.name, run.diverged_at - REST*h)
         s = run.sigma if surface else run.y
         return np.array(heads(s, (m > 1 or most == PLAIN) and isinstance(s, tuple)))[:, :REST + MOTION]
 

@@ -28,6 +28,8 @@ class PowerLaw:
         Noise of the record, as one standard deviation [y].
     reason : str
         Why there is no answer; empty where there is one.
+    onset : float
+        The slopes of the octave's halves, extrapolated to the step: a whole number where the response is t^r from the step on.
     """
 
     prd: int | None
@@ -35,6 +37,12 @@ class PowerLaw:
     octave: tuple
     noise: float
     reason: str = ""
+    onset: float = math.nan
+
+
+def extrapolated(near, far, ratio):
+    """The slope at the step itself, of the slopes at two times after it, the second `ratio` times as late."""
+    return near - (far - near)/(ratio - 1.0)
 
 
 def power_law(t, y, noise, span):
@@ -58,6 +66,7 @@ def power_law(t, y, noise, span):
     slope = float(np.polyfit(*logs, 1)[0])
     first = logs[0] < 0.5*(logs[0][0] + logs[0][-1])
     halves = [float(np.polyfit(logs[0][q], logs[1][q], 1)[0]) for q in (first, ~first)]
+    near, far = (math.exp(logs[0][q].mean()) for q in (first, ~first))
     r = round(slope)
     if r < 1:
         why = f"the slope {slope:.2f} is that of no relative degree from 1 to {HIGHEST}" + (
@@ -68,4 +77,4 @@ def power_law(t, y, noise, span):
         why = f"the slope {slope:.2f} is not near a whole number" if abs(slope - r) > NEAR else ""
         if abs(halves[1] - halves[0]) > NEAR:
             why = f"the slope goes from {halves[0]:.2f} to {halves[1]:.2f} within the octave, which no power law does"
-    return PowerLaw(None if why else r, slope, octave, noise, why)
+    return PowerLaw(None if why else r, slope, octave, noise, why, extrapolated(*halves, far/near))

@@ -10,8 +10,8 @@ from ..core import Param, ParameterError, Table
 __all__ = ["Record", "read_csv"]
 
 BEFORE = 20  # samples before the step, at least
-AFTER = 50  # samples after it
-EDGE = 0.05  # of the range of an input, by which it changes at once where it steps
+AFTER = 53  # samples after it: 1.25 of the shortest window, 50, and what rounding may take
+EDGE, USUAL = 0.05, 8.0  # of the range of an input, and times its median change, by which it changes at once where it steps
 JITTER = 0.1  # of a sampling step, by which a time may miss the even grid
 
 
@@ -45,7 +45,7 @@ class Record:
     ------
     ParameterError
         Arrays of other shapes, a number that is not finite, times that do not increase or are uneven, a step outside the
-        record, or with fewer than 20 samples before it or 50 after it.
+        record, or with fewer than 20 samples before it or 53 after it.
 
     Notes
     -----
@@ -87,13 +87,14 @@ class Record:
             k = np.argmax(np.abs(np.diff(t) - np.median(np.diff(t)))) + 1
             refuse(f"t[{k}]", f"= {t[k]:.10g} s comes {t[k] - t[k - 1]:.4g} s after the sample before, the median step being "
                    f"{np.median(np.diff(t)):.4g} s; times must be evenly spaced (resample the record)")
-        for name, unit in (("step_time", "s"), ("amplitude", "[u]")):
+        object.__setattr__(self, "until", t[-1] if self.until == math.inf else self.until)
+        for name, unit in (("step_time", "s"), ("amplitude", "[u]"), ("until", "s")):
             object.__setattr__(self, name, Param(unit=unit).check("prd.Record", name, getattr(self, name)))
         if self.amplitude == 0.0:
             refuse("amplitude", "= 0 [u] is not allowed; without a step there is no response")
         if not t[0] < self.step_time < t[-1]:
             refuse("step_time", f"= {self.step_time:g} s is not allowed; it must be inside the record, {t[0]:g} to {t[-1]:g} s")
-        object.__setattr__(self, "until", min(float(self.until), t[-1]))
+        object.__setattr__(self, "until", min(self.until, t[-1]))
         before, after = self.start, int((t[self.start:] <= self.until).sum())
         if before < BEFORE:
             refuse("step_time", f"= {self.step_time:g} s leaves {before} samples before the step; at least {BEFORE} are needed, "
@@ -118,10 +119,10 @@ def read_csv(path, t=None, y=None, u=None, *, step_time=None, amplitude=None):
         Lines of numbers with commas, semicolons, tabs or blanks between them, under a line of names; lines that begin with
         ``#`` or ``%`` are passed over. A unit stands in brackets behind the name: ``time [ms]``, ``theta (rad)``.
     t, y, u : str, optional
-        Names of the columns of time, output and input. Default: the first, the second, and the third where there are three.
+        Names of the columns of time, output and input. Default: the first, the second, and the remaining one of three.
     step_time, amplitude : float, optional
-        When the input steps [s], and how high [u]; where not given, found in the column `u`: a change by more than 5 % of its
-        range from sample to sample begins an edge.
+        When the input steps [s], and how high [u]; where not given, found in the column `u`: a change from sample
+        to sample by more than 5 % of its range, and than 8 times its median change, begins an edge.
 
     Returns
     -------
@@ -133,7 +134,8 @@ def read_csv(path, t=None, y=None, u=None, *, step_time=None, amplitude=None):
     ------
     ParameterError
         A file that cannot be read; a field that is not a finite number, or a line with a field too few or too many, by line
-        and column; a column that is not there; no step in the input; what `Record` refuses.
+        and column; a column that is not there; a column for two things; no step in the input, or a spike before it;
+        what `Record` refuses.
 
     Notes
     -----
@@ -143,24 +145,33 @@ def read_csv(path, t=None, y=None, u=None, *, step_time=None, amplitude=None):
     if len(table.names) > 3 and not (t and y):
         table.refuse(f"there are {len(table.names)} columns ({', '.join(table.names)}): say which are t and y, and u where there "
                      "is an input")
-    u = u or (table.names[2] if len(table.names) == 3 and not y else None)
     t, y = t or table.names[0], y or table.names[1]
+    u = u or (next((n for n in table.names if n not in (t, y)), None) if len(table.names) == 3 else None)
+    for name, value, unit in (("step_time", step_time, "s"), ("amplitude", amplitude, "[u]")):
+        value is None or Param(unit=unit).check("prd.read_csv", name, value)
     seconds, (output, _), until = table.times(t), table.column("y", y), math.inf
     if u:
         values, _ = table.column("u", u)
-        jumps = np.flatnonzero(np.abs(np.diff(values)) > EDGE*np.ptp(values)) + 1
+        change, least = np.abs(np.diff(values)), EDGE*np.ptp(values)
+        jumps = np.flatnonzero(change > max(least, USUAL*np.median(change))) + 1
         first = jumps[np.diff(jumps, prepend=-9) > 1]  # an edge may take several samples
         if not len(first) and (step_time is None or amplitude is None):
-            table.refuse(f"the input '{u}' never steps: from sample to sample it changes by less than {EDGE:.0%} of its range")
-        here = first[seconds[first] >= (-math.inf if step_time is None else step_time - 1.5*np.median(np.diff(seconds)))]
-        if amplitude is None:
-            if not len(here) or step_time is not None and seconds[here[0]] > step_time + 1.5*np.median(np.diff(seconds)):
+            table.refuse(f"the input '{u}' never steps: from sample to sample it changes by less than {EDGE:.0%} of its range, "
+                         f"or than {USUAL:g} times its median change")
+        near = 1.5*np.median(np.diff(seconds))
+        here = first[seconds[first] >= (-math.inf if step_time is None else step_time - near)]
+        if step_time is None or amplitude is None:
+            if not len(here) or step_time is not None and seconds[here[0]] > step_time + near:
                 table.refuse(f"the input '{u}' does not step at step_time = {step_time:g} s, but at "
                              f"{', '.join(f'{q:g}' for q in seconds[first[:4]])} s; give the amplitude as well")
             end = here[1] if len(here) > 1 else len(values)
-            amplitude = float(np.median(values[here[0]:end]) - np.median(values[:here[0]]))
+            height = float(np.median(values[here[0]:end]) - np.median(values[:here[0]]))
+            if abs(height) <= least:
+                table.refuse(f"the input '{u}' changes at {seconds[here[0]]:g} s, but not to stay: its medians before and after "
+                             f"differ by {height:.3g}, less than {EDGE:.0%} of its range; give step_time and amplitude")
+            amplitude = height if amplitude is None else amplitude
         step_time = seconds[here[0]] if step_time is None else step_time
-        later = here[seconds[here] > step_time + 1.5*np.median(np.diff(seconds))]
+        later = here[seconds[here] > step_time + near]
         until = seconds[later[0]] if len(later) else until
     elif step_time is None:
         table.refuse("there is no column of the input: give step_time [s]")

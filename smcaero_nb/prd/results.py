@@ -17,7 +17,7 @@ class PRDResult:
     Attributes
     ----------
     prd : int or None
-        The answer: the analyser's, else that of the power law; None where neither can tell.
+        The answer: that of both methods, or of the one that is believed (see `identify`); None where neither can tell.
     confirmed : bool
         Both methods agree.
     time_scale : float
@@ -81,7 +81,8 @@ class PRDResult:
         elif a.reason:
             lines.append(f"The analyser gives no answer: {a.reason}.")
         if b.slope == b.slope:
-            lines.append(f"Power law: y grows as t^{b.slope:.2f} from {b.octave[0]:.4g} to {b.octave[1]:.4g} s after the step.")
+            lines.append(f"Power law: y grows as t^{b.slope:.2f} from {b.octave[0]:.4g} to {b.octave[1]:.4g} s after the step, "
+                         f"extrapolated to the step as t^{b.onset:.2f}.")
         if b.reason:
             lines.append(f"The power law gives no answer: {b.reason}.")
         if r:
