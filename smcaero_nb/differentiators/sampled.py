@@ -27,6 +27,7 @@ METHODS = {
     have errors of the order tau, whatever n_d."""),
 }
 LIMIT = 7  # highest order that float64 serves
+LOW = 1e-200  # of L in any unit; with less, powers of tau would underflow
 
 
 def _error(r, z):
@@ -199,7 +200,7 @@ def _made(n_d, n_f, method, of):
     lines, y = METHODS[method][0](n_d, n_f, x)
     out = f"({', '.join(y)})"
     name = f"{method}_{n_d}" + f"_{n_f}"*(n_f > 0)
-    bound = Param("L", per(f"[{of}]", order), low=1e-9, log=True, slider=(1e-2, 1e4),
+    bound = Param("L", per(f"[{of}]", order), low=LOW, log=True, slider=(1e-2, 1e4),
                   help=f"bound of the derivative of order {order} of {of}" + "; more than float64 serves"*(n_d + n_f > LIMIT))
     names = dict(math=math, first=first, error=error, B=Annotated[float, bound], __name__=__name__)
     exec(newton(n_d + n_f), names)

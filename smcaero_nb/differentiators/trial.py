@@ -11,7 +11,7 @@ import numpy as np
 from ..core import Param, ParameterError, Table, block
 from .lipschitz import lipschitz
 from .recorded import differentiate
-from .sampled import METHODS, per
+from .sampled import LOW, METHODS, per
 
 __all__ = ["Signal", "Trial", "read_csv", "trial"]
 
@@ -22,7 +22,7 @@ EXACT = 1e-14  # of the signal; less is rounding
 Order = Annotated[int, Param("n_d", low=0, high=12, help="highest derivative estimated")]
 Filter = Annotated[int, Param("n_f", low=0, high=12, slider=(0, 6), help="order of the filter")]
 Method = Annotated[Literal[tuple(METHODS)], Param("method", help="how a step is made")]
-Bound = Annotated[float, Param("L", "[f]/s^n", low=1e-9, log=True, slider=(1e-2, 1e4), help="bound of the derivative n, n_d + 1")]
+Bound = Annotated[float, Param("L", "[f]/s^n", low=LOW, log=True, slider=(1e-2, 1e4), help="bound of the derivative n, n_d + 1")]
 Found = Annotated[bool, Param("find L", help="estimate the bound from the samples")]
 
 
