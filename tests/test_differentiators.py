@@ -3,6 +3,7 @@
 import itertools
 import math
 import tracemalloc
+import warnings
 
 import numpy as np
 import pytest
@@ -356,6 +357,32 @@ def test_gaps_are_named_and_start_anew():
         assert np.array_equal(z[:, 2000], [signal(t[2000], 0), 0.0, 0.0])
         for end in (1999, 3999, 5999):
             assert abs(z[1, end] - signal(t[end], 1)) < 0.01
+
+
+def test_what_a_gap_is():
+    """Ten steps, wherever it is; also the first step, after which the estimates start once, not twice."""
+    for at, long in itertools.product((1, 500), (9.0, 11.0, 1e4)):
+        t = 0.01*np.arange(1000)
+        t[at:] += 0.01*(long - 1.0)
+        with warnings.catch_warnings(record=True) as said:
+            warnings.simplefilter("always")
+            z = differentiate(t, signal(t, 0), 1.0, 2)
+        assert [str(w.message).split(";")[0] for w in said] == (
+            [f"differentiate: 1 gap in the record, {0.01*long:g} s from t = {t[at - 1]:g} s"] if long > 10.0 else [])
+        assert np.array_equal(z[:, at], [signal(t[at], 0), 0.0, 0.0]) == (long > 10.0)
+        assert z[0, 0] == signal(t[0], 0)
+
+
+@pytest.mark.parametrize(("method", "n_d"), [("levant", 1), ("implicit", 2), ("matching", 3)])
+@pytest.mark.parametrize("at", [1, 2, 5, 5000])
+def test_a_steady_motion_is_found_again_after_a_gap(method, n_d, at):
+    """With a bound found in it, which is next to nothing, from zeros it never would."""
+    t, rng = 1e-3*np.arange(10_000), np.random.default_rng(0)
+    t[at:] += 25.0
+    for noise, tolerance in ((0.0, 1e-6), (1e-2, 0.05)):
+        with pytest.warns(UserWarning, match="1 gap"):
+            z = differentiate(t, 5.0 + 2.0*t + noise*rng.standard_normal(len(t)), "auto", n_d, 0, method)
+        assert abs(z[1, -1] - 2.0) < tolerance and np.isfinite(z).all()
 
 
 @pytest.mark.parametrize("dtype", [float, np.float32, int, list])

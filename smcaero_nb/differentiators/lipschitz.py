@@ -56,7 +56,7 @@ def lipschitz(t, f, n_d):
 
 
 def scale(t, f, n_d):
-    """The bound, and the time over which the derivative n_d + 1 stands out of the noise."""
+    """The bound, the time over which the derivative n_d + 1 stands out of the noise, and where the pieces between gaps begin."""
     t, f = record("lipschitz", t, f)
     n_d = Param(low=0, high=12).check("lipschitz", "n_d", n_d, int)
     refuse("lipschitz", t, f)
@@ -79,4 +79,4 @@ def scale(t, f, n_d):
         S.append(np.abs(g).max()/(m//stride*stride*h)**n)
         m *= 2
     least = np.finfo(float).eps*(np.abs(f).max() or 1.0)/(t[-1] - t[0])**n
-    return max(2.0*float(S[-1]), float(least)), n*m//2*h
+    return max(2.0*float(S[-1]), float(least)), n*m//2*h, edges
