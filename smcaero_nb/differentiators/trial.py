@@ -50,7 +50,7 @@ class Trial:
     L : float
         The bound used.
     tau : ndarray
-        Sampling steps at which the accuracy was measured [s].
+        Sampling steps at which the accuracy was measured [s]; of a record, NaN.
     sizes : ndarray, shape (n_d + 1, len(tau))
         Greatest \|z_i - f^(i)\| of the second half; of a record, NaN.
     """
@@ -164,7 +164,8 @@ def trial(signal=None):
 
         def differentiation(n_d: Order = 2, n_f: Filter = 0, method: Method = "levant", found: Found = True, L: Bound = 1.0):
             z, L = estimated(t, f, L, found, dict(n_d=n_d, n_f=n_f, method=method))
-            return Trial(t, f, z, None, L, np.array([]), np.full((n_d + 1, len(FACTORS)), math.nan))
+            nothing = np.full((n_d + 1, len(FACTORS)), math.nan)
+            return Trial(t, f, z, None, L, nothing[0], nothing)
 
         differentiation.__doc__ = differentiate.__doc__
         return block(differentiation)
