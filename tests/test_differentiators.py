@@ -3,6 +3,7 @@
 import itertools
 import math
 import tracemalloc
+import warnings
 
 import numpy as np
 import pytest
@@ -181,9 +182,14 @@ def test_float64_ends_the_accuracy():
     differentiator(5, 2)
 
 
-@pytest.mark.parametrize(("n_d", "factor"), [(1, 5.0), (2, 5.0), (3, 10.0), (4, 70.0), (5, 3200.0)])
+@pytest.mark.parametrize(("n_d", "factor"), [(1, 5.0), (2, 5.0), (3, 10.0), (4, 70.0), (5, 3400.0)])
 def test_levant_follows_polynomials_from_exact_values(n_d, factor):
-    """Within factor L h^(n_d + 1 - i): what rounding sets off ends in a limit cycle of that size, whatever h."""
+    """Within factor L h^(n_d + 1 - i): 5 is asked for, and holds where nothing rounds: see the next test.
+
+    But 0 is unstable, and the least rounding starts a limit cycle of a size of its own. Its greatest error is that of z_1, of
+    1.1, 3.8, 9.8, 66, 3376 L h^(n_d + 1 - i) for n_d = 1..5: the same with 50 digits, after a push of 1e-40 or 1e-60 with 80
+    digits (n_d = 3 to 5), and for n_d = 3 with h = 0.01 and 0.001. So no arithmetic keeps 5 for n_d > 2.
+    """
     rng, h = np.random.default_rng(n_d), 0.01
     for degree in range(n_d + 1):
         p = np.polynomial.Polynomial(rng.uniform(-1.0, 1.0, degree + 1))
@@ -195,6 +201,18 @@ def test_levant_follows_polynomials_from_exact_values(n_d, factor):
             assert all(abs(v - q(k*h)) <= factor*h**(n_d + 1 - i) for i, (v, q) in enumerate(zip(y, exact, strict=True)))
 
 
+@pytest.mark.parametrize("n_d", range(1, 6))
+def test_levant_follows_polynomials_exactly_where_nothing_rounds(n_d):
+    """Numbers of few binary digits: s is 0, its sign too, and Taylor's step of a polynomial is exact."""
+    blk, h = differentiator(n_d), 1.0/128.0
+    for c in ((3.0,), (3.0, -2.0), (3.0, -2.0, 5.0))[:n_d + 1]:
+        exact = [np.polynomial.Polynomial(c).deriv(i) for i in range(n_d + 1)]
+        z = (*(float(q(0.0)) for q in exact), 1.0)
+        for k in range(300):
+            y, z = blk(float(exact[0](k*h)), z, h)
+            assert y == tuple(q(k*h) for q in exact)
+
+
 # ---- metamorphic -------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize(("method", "n_d", "n_f"), [*CASES, ("euler", 3, 0)])
 def test_scaling(method, n_d, n_f):
@@ -204,8 +222,18 @@ def test_scaling(method, n_d, n_f):
     assert np.array_equal(differentiate(t, 8.0*f, 16.0, n_d, n_f, method), 8.0*base)
     assert np.array_equal(differentiate(t, -f, 2.0, n_d, n_f, method), -base)
     slow = differentiate(2.0*t, f, 2.0/2.0**(n_d + 1), n_d, n_f, method)*2.0**np.arange(n_d + 1)[:, None]
-    size = np.abs(base[:, :300]).max(axis=1)
-    assert np.all(np.abs(slow - base)[:, :300].max(axis=1) <= 1e-6*size)  # later a last bit may turn a sign round
+    assert np.all(np.abs(slow - base).max(axis=1) <= 1e-9*np.abs(base).max(axis=1))  # roots round: not to the last bit
+
+
+@pytest.mark.parametrize(("method", "n_d"), [*itertools.product(METHODS[:3], (2, 3, 5))])
+def test_the_unit_of_time_does_not_matter_where_the_bound_is_found(method, n_d):
+    """A daily sine, one sample a minute, in days and in seconds: there the bound is 2.8e-16 K/s^4 for n_d = 3."""
+    t, rng, powers = np.arange(0.0, 10.0, 1.0/1440.0), np.random.default_rng(0), np.arange(n_d + 1)[:, None]
+    f = 10.0*np.sin(2.0*np.pi*t) + 0.05*rng.standard_normal(len(t))
+    days, seconds = differentiate(t, f, "auto", n_d, 0, method), differentiate(86400.0*t, f, "auto", n_d, 0, method)
+    assert np.all(np.abs(86400.0**powers*seconds - days).max(axis=1) <= 1e-6*np.abs(days).max(axis=1))
+    assert np.abs(days[1] - 20.0*np.pi*np.cos(2.0*np.pi*t))[t > 5.0].max() < 0.12*20.0*np.pi
+    assert not differentiate(86400.0*t, 0.0*f, "auto", n_d, 0, method).any()
 
 
 # ---- block, loop and record agree --------------------------------------------------------------------------------
@@ -348,6 +376,32 @@ def test_gaps_are_named_and_start_anew():
             assert abs(z[1, end] - signal(t[end], 1)) < 0.01
 
 
+def test_what_a_gap_is():
+    """Ten steps, wherever it is; also the first step, after which the estimates start once, not twice."""
+    for at, long in itertools.product((1, 500), (9.0, 11.0, 1e4)):
+        t = 0.01*np.arange(1000)
+        t[at:] += 0.01*(long - 1.0)
+        with warnings.catch_warnings(record=True) as said:
+            warnings.simplefilter("always")
+            z = differentiate(t, signal(t, 0), 1.0, 2)
+        assert [str(w.message).split(";")[0] for w in said] == (
+            [f"differentiate: 1 gap in the record, {0.01*long:g} s from t = {t[at - 1]:g} s"] if long > 10.0 else [])
+        assert np.array_equal(z[:, at], [signal(t[at], 0), 0.0, 0.0]) == (long > 10.0)
+        assert z[0, 0] == signal(t[0], 0)
+
+
+@pytest.mark.parametrize(("method", "n_d"), [("levant", 1), ("implicit", 2), ("matching", 3)])
+@pytest.mark.parametrize("at", [1, 2, 5, 5000])
+def test_a_steady_motion_is_found_again_after_a_gap(method, n_d, at):
+    """With a bound found in it, which is next to nothing, from zeros it never would."""
+    t, rng = 1e-3*np.arange(10_000), np.random.default_rng(0)
+    t[at:] += 25.0
+    for noise, tolerance in ((0.0, 1e-6), (1e-2, 0.05)):
+        with pytest.warns(UserWarning, match="1 gap"):
+            z = differentiate(t, 5.0 + 2.0*t + noise*rng.standard_normal(len(t)), "auto", n_d, 0, method)
+        assert abs(z[1, -1] - 2.0) < tolerance and np.isfinite(z).all()
+
+
 @pytest.mark.parametrize("dtype", [float, np.float32, int, list])
 def test_records_of_any_type(dtype):
     t, f = list(range(40)), [k*k for k in range(40)]
@@ -375,6 +429,7 @@ def test_records_of_any_type(dtype):
     ([0, 1, 2], [1, 2, 3], dict(n_d=1.5), "n_d = 1.5"), ([0, 1, 2], [1, 2, 3], dict(n_f=-1), "n_f = -1"),
     ([0, 1, 2], [1, 2, 3], dict(method="taylor"), "method = 'taylor' is not allowed; it must be one of 'levant', 'implicit'"),
     ([0, 1, 2], [1, 2, 3], dict(method=None), "method = None"),
+    ([0, 1, 2], [1, 2, 3], dict(method=["levant"]), r"method = \['levant'\] is not allowed; it must be one of 'levant'"),
     ([0, 1, 2], [1, 2, 3], dict(L="auto"), "3 samples without a gap are too few; n_d = 2 needs 12"),
 ])
 def test_bad_records(t, f, change, message):
@@ -384,6 +439,7 @@ def test_bad_records(t, f, change, message):
 
 def test_other_bad_input():
     for make, message in ((lambda: differentiator(2, of="x"), "of = 'x' is not allowed; it must be one of 'e', 'y'"),
+                          (lambda: differentiator(2, method=["levant"]), r"method = \['levant'\] is not allowed"),
                           (lambda: differentiator(True), "n_d = True"), (lambda: observer(0), "from 1 to 6"),
                           (lambda: observer(2).with_(G0=0.0), "G0 = 0 is not allowed"),
                           (lambda: differentiator(2).with_(L=-1.0), "L = -1"),
@@ -404,7 +460,7 @@ def test_lipschitz(n_d):
     assert 1.0 <= lipschitz(t, digits, n_d)/np.abs(signal(t, n_d + 1)).max() < 4.0
     assert lipschitz(t, 8.0*digits, n_d) == pytest.approx(8.0*lipschitz(t, digits, n_d))
     assert lipschitz(2.0*t, digits, n_d) == pytest.approx(lipschitz(t, digits, n_d)/2.0**(n_d + 1))
-    assert lipschitz(t, 0.0*t, n_d) == 1e-9
+    assert lipschitz(t, 0.0*t, n_d) == pytest.approx(2.0**-52/t[-1]**(n_d + 1))
     broken = np.concatenate([t[:15_000], t[15_000:] + 50.0])
     assert 1.0 <= lipschitz(broken, signal(broken, 0), n_d)/np.abs(signal(t, n_d + 1)).max() < 4.0
 
@@ -506,14 +562,14 @@ def test_output_feedback_in_noise():
     assert slopes(eps, found) == pytest.approx([1.0, 2/3, 1/3], abs=0.15)
 
 
-LAWS = [(family, r) for family in ("quasi_continuous", "nested", "adaptive_continuous") for r in (2, 3, 4, 5)]
+LAWS = [(family, r) for family in ("quasi_continuous", "levant2005", "nested", "adaptive_continuous") for r in (2, 3, 4, 5)]
 
 
 @pytest.mark.parametrize(("family", "r"), LAWS)
 def test_every_law_runs_with_an_estimate_in_place_of_the_state(family, r):
-    law = getattr(hosmc, family)(r)
+    law = hosmc.quasi_continuous(r, family) if family == "levant2005" else getattr(hosmc, family)(r)
     L = 100.0 if family == "adaptive_continuous" else None
-    tau, jit = (2.5e-4, True) if (family, r) == ("nested", 5) else (2e-3 if r > 3 else 4e-3, False)
+    tau, jit = (2.5e-4, True) if r == 5 and family in ("nested", "levant2005") else (2e-3 if r > 3 else 4e-3, False)
     run = simulate(feedback(law, r, "implicit", L), 20.0, tau, method="rk4", record=20_000, jit=jit)
     assert run.diverged_at is None
     assert sum(v**(1/(r - i)) for i, v in enumerate(tail(run, 3.0))) < 0.5

@@ -44,7 +44,9 @@ PROMISED = dict(
          "adaptive_unit_vector adaptive_quasi_unit_vector dual_layer_smc dual_layer_quasi_smc dual_layer_unit_vector",
     smc2="super_twisting twisting adaptive_super_twisting adaptive_twisting gains",
     hosmc="quasi_continuous nested adaptive_continuous", lv="loop transfer_function", rpl="loop landing pulses",
-    applications="double_integrator dc_motor",
+    applications="double_integrator dc_motor", interop="from_control",
+    differentiators="LAMBDA differentiator differentiate lipschitz observer trial read_csv",
+    prd="identify sweep read_csv PRDResult",
     ui="mask live plot compare certificate flight")
 CALLABLE = {n: t for n, t in PUBLIC.items() if isinstance(t, (types.FunctionType, Block, type))}
 BLOCKS = {n: t for n, t in PUBLIC.items() if isinstance(t, Block)}

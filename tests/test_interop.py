@@ -21,6 +21,11 @@ def two_waves(t):
 
 
 @block
+def three_waves(t):
+    return 1.0 + t, np.cos(2.0*t), -0.5*t
+
+
+@block
 def ramp(t):
     return 0.3 - 0.4*t
 
@@ -30,6 +35,15 @@ def two_ramps(t):
     return 0.3 - 0.4*t, 0.5*t
 
 
+def realised(sys):
+    """A state space without the kit's help: of a transfer matrix, python-control's of each entry, side by side."""
+    if isinstance(sys, control.StateSpace):
+        return sys
+    p, m = sys.noutputs, sys.ninputs
+    entries = control.append(*(control.ss(sys[i, j]) for i in range(p) for j in range(m)))
+    return np.kron(np.eye(p), np.ones((1, m)))*entries*np.kron(np.ones((p, 1)), np.eye(m))
+
+
 def compare(sys, law, tolerance=1e-9, duration=2.0, jit=False, perturbation=None):
     """The block's outputs are those of `control.forced_response`; deviations are relative to the largest output."""
     plant = interop.from_control(sys)
@@ -37,7 +51,7 @@ def compare(sys, law, tolerance=1e-9, duration=2.0, jit=False, perturbation=None
     loop = ClosedLoop(plant, output=plant.y, law=law, perturbation=perturbation)
     run = simulate(loop, duration, dt, TAU, method="rk4", record=10**6, jit=jit)
     # forced_response joins inputs by straight lines, so it is given each interval of the hold by itself
-    ss = control.ss(*interop.matrices(sys)[:4])
+    ss = realised(sys)
     x, before, wanted = np.zeros(ss.nstates), np.zeros(ss.ninputs), []
     T = np.arange(11)*dt
     for k in range(round(duration/TAU)):
@@ -86,6 +100,8 @@ def test_the_transfer_function_itself_as_forced_response():
 MIMO = {
     "transfer matrix": control.tf([[[1.0], [2.0, 1.0]], [[3.0], [1.0]]],
                                   [[[1.0, 1.0], [1.0, 3.0, 2.0]], [[1.0, 1.0], [1.0, 4.0]]]),
+    "wide transfer matrix": control.tf([[[1.0], [2.0, 1.0], [0.0]], [[3.0, 0.0, 1.0], [5.0], [-1.0, 4.0]]],
+                                       [[[1.0, 2.0], [1.0, 3.0, 2.0], [1.0]], [[1.0, 2.0, 2.0], [2.0, 1.0], [1.0, 0.0, 4.0]]]),
     "state space": control.ss([[0.0, 1.0, 0.0], [-2.0, -1.0, 0.5], [0.0, 0.0, -3.0]], [[0.0, 0.0], [1.0, 0.2], [0.0, 1.0]],
                               [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 1.0]], np.zeros((3, 2))),
     "biproper transfer matrix": control.tf([[[1.0, 3.0], [2.0, 1.0]], [[3.0], [-2.0]]],
@@ -97,7 +113,14 @@ MIMO = {
 
 @pytest.mark.parametrize("name", MIMO)
 def test_many_inputs_and_outputs_as_forced_response(name):
-    compare(MIMO[name], two_waves, jit="state space" in name)
+    compare(MIMO[name], three_waves if "wide" in name else two_waves, jit="state space" in name)
+
+
+@pytest.mark.parametrize("sys", [*SISO.values(), *MIMO.values()], ids=[*SISO, *(f"{n}, many" for n in MIMO)])
+def test_realisations_have_the_transfer_functions_of_their_systems(sys):
+    A, B, C, D, _ = interop.matrices(sys)
+    for s in (0.3 + 0.2j, -0.7 + 2.0j, 1.0 - 5.0j):
+        assert C @ np.linalg.solve(s*np.eye(len(A)) - A, B) + D == pytest.approx(sys(s, squeeze=False), rel=1e-9, abs=1e-12)
 
 
 @pytest.mark.parametrize("perturbation", [ramp, two_ramps])

@@ -108,7 +108,7 @@ def test_lags_in_series(k):
 @pytest.mark.parametrize("order", range(1, 6))
 def test_a_state_space_and_its_transfer_function_are_alike(order):
     sys = control.tf([2.0, 1.0], np.poly(-np.arange(1.0, order + 2.0)))
-    a, b = prd.identify(sys), prd.identify(control.ss(*smc.interop.matrices(sys)[:4]))
+    a, b = prd.identify(sys), prd.identify(control.ss(sys))
     assert a.prd == b.prd == order and np.allclose(a.y, b.y, rtol=1e-6, atol=1e-20)
 
 

@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 import numpy as np
 import pytest
 
+import smcaero_nb as smc
 from smcaero_nb import BlockError, ClosedLoop, Param, ParameterError, block, channels
 from smcaero_nb.core import Table
 from smcaero_nb.differentiators import Signal, Trial, differentiate, lipschitz, read_csv, trial
@@ -110,9 +111,10 @@ def test_a_record():
     t = np.arange(500)*0.01
     f = np.sin(t)
     found = trial((t, f))()
-    assert found.truth is None and found.tau.size == 0 and found.L == lipschitz(t, f, 2)
+    assert found.truth is None and found.L == lipschitz(t, f, 2)
     np.testing.assert_array_equal(found.estimates, differentiate(t, f, "auto", 2))
     assert str(found) == f"500 samples, L = {found.L:.3g}" and all(map(math.isnan, found.slopes))
+    assert found.sizes.shape == (3, len(found.tau)) and np.isnan([found.tau, *found.sizes]).all() and np.isnan(found.errors).all()
     assert found.estimates[1][300:] == pytest.approx(np.cos(t[300:]), abs=0.01)
     said = trial((t, f)).with_(found=False, L=5.0, n_d=1, method="implicit")()
     np.testing.assert_array_equal(said.estimates, differentiate(t, f, 5.0, 1, method="implicit"))
@@ -151,6 +153,21 @@ def test_columns_of_a_signal():
     assert "t = 'time' [ms], f = 'position' [mm]" in back.about
     with pytest.raises(ParameterError, match="f = 'speed' is not there; the columns are row, time, position, f"):
         read_csv(named(text), f="speed")
+
+
+def test_a_log_in_hours():
+    """Ten daily turns, a sample a minute: the bound is 2.8e-16 f/s^4, which a mask has to take as well."""
+    t, rng, omega = np.arange(0.0, 240.0, 1.0/60.0), np.random.default_rng(0), 2.0*np.pi/86400.0
+    f = 10.0*np.sin(3600.0*omega*t) + 0.05*rng.standard_normal(len(t))
+    text = "t [h],f\n" + "".join(f"{a!r},{b!r}\n" for a, b in zip(t.tolist(), f.tolist(), strict=True))
+    mask = smc.ui.mask(trial(read_csv(named(text))).with_(n_d=3))
+    for found, L in ((True, "1"), (False, "2.8e-16")):
+        mask.entries["L"].value, mask.widgets["found"].value = L, found
+        tried = mask.target()
+        assert 1.0 <= tried.L/2.79e-16 < 2.0
+        assert np.abs(tried.estimates[1]/omega - 10.0*np.cos(omega*tried.t))[len(t)//2:].max() < 1.0
+    mask.widgets["L"].value = 10.0  # its slider starts where it did
+    assert mask.target.values["L"] == 10.0 and mask.widgets["L"].min == -2.0
 
 
 # ---- text files ------------------------------------------------------------------------------------------------------

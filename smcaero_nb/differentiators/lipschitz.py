@@ -39,7 +39,8 @@ def lipschitz(t, f, n_d):
     :math:`2^{n_d+1}` when m doubles; the derivative of f leaves it as it is. Where the fall is less than half of that, on the
     logarithmic scale, the derivative stands out, and twice its size is the bound. It copes with
     white noise of unknown size and with rounding; with n_d above 3 it may be too small by a factor of 3 or so in noise. A part of
-    f that is smaller than the noise is lost, and a tone is no noise.
+    f that is smaller than the noise is lost, and a tone is no noise. L is at least what rounding may hide: the machine epsilon
+    times the greatest :math:`|f|` (of f = 0: times 1), over the length of the record to the power n_d + 1.
 
     References
     ----------
@@ -55,7 +56,7 @@ def lipschitz(t, f, n_d):
 
 
 def scale(t, f, n_d):
-    """The bound, and the time over which the derivative n_d + 1 stands out of the noise."""
+    """The bound, the time over which the derivative n_d + 1 stands out of the noise, and where the pieces between gaps begin."""
     t, f = record("lipschitz", t, f)
     n_d = Param(low=0, high=12).check("lipschitz", "n_d", n_d, int)
     refuse("lipschitz", t, f)
@@ -77,4 +78,5 @@ def scale(t, f, n_d):
             g = g[m//stride:] - g[:-(m//stride)]
         S.append(np.abs(g).max()/(m//stride*stride*h)**n)
         m *= 2
-    return max(2.0*float(S[-1]), 1e-9), n*m//2*h
+    least = np.finfo(float).eps*(np.abs(f).max() or 1.0)/(t[-1] - t[0])**n
+    return max(2.0*float(S[-1]), float(least)), n*m//2*h, edges

@@ -4,7 +4,7 @@ import functools
 from typing import Annotated
 
 from ..core import Param, block
-from .sampled import differentiator, equation, memory
+from .sampled import LOW, differentiator, equation, memory
 
 __all__ = ["observer"]
 
@@ -96,7 +96,7 @@ def _made(r):
     """The differentiator of order r that knows v: its highest derivative is xi - v."""
     step = differentiator(r).f
 
-    def observer(sigma, v, z, tau, L: Annotated[float, Param("L", "[v]/s", low=1e-9, log=True, slider=(1e-2, 1e4),
+    def observer(sigma, v, z, tau, L: Annotated[float, Param("L", "[v]/s", low=LOW, log=True, slider=(1e-2, 1e4),
                                                             help="bound of the speed of xi")] = 1.0,
                  G0: Annotated[float, Param("G_0", "[v]/[u]", help="nominal gain, not 0", slider=(-10.0, 10.0))] = 1.0
                  ) -> Param("u"):

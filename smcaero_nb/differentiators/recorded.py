@@ -2,6 +2,7 @@
 
 import math
 import warnings
+from itertools import pairwise
 
 import numpy as np
 
@@ -16,8 +17,7 @@ __all__ = ["differentiate"]
 
 TEXT = '''
 def run(t, f, out, first, L, gap, even):
-    z = {first}
-    gaps, h = 0, t[1] - t[0]
+    gaps, h = -1, inf  # the record starts as if after a gap
     for k in range(len(t)):
         before = h
         if k + 1 < len(t):
@@ -25,8 +25,9 @@ def run(t, f, out, first, L, gap, even):
         if not (0.0 < h < inf and abs(f[k]) < inf{uneven}):
             return k, gaps
         if before > gap:
-            z = {start}
             gaps += 1
+            piece = min(gaps, len(first) - 1)
+            z = {first}
         {out}, z = step(f[k], z, {tau}, L)
     return len(t), gaps
 '''
@@ -41,22 +42,23 @@ def _pass(method, blk, n_d):
     if key not in _made:
         late = method == "implicit"
         names = dict(step=blk.f if config.DISABLE_JIT else compiled(blk.f), inf=math.inf, __name__=__name__)
-        first = "".join(f"first[{i}], " for i in range(len(blk.z0)))
-        exec(TEXT.format(first=f"({first})", start=repr(blk.z0), tau="even" if late else "h",
-                         uneven=f" and (abs(h - even) <= {EVEN}*even or h > gap)" if late else "",
-                         out=text((None,)*(n_d + 1) if n_d else None, (f"out[{i}, k]" for i in range(n_d + 1)))), names)
+        first = "".join(f"first[piece, {i}], " for i in range(len(blk.z0)))
+        source = TEXT.format(first=f"({first})", tau="even" if late else "h",
+                             uneven=f" and (abs(h - even) <= {EVEN}*even or h > gap)" if late else "",
+                             out=text((None,)*(n_d + 1) if n_d else None, (f"out[{i}, k]" for i in range(n_d + 1))))
+        exec(source, names)
         f = names["run"]
         if not config.DISABLE_JIT:
-            f = kept(njit(nogil=True, error_model="numpy", no_cfunc_wrapper=True)(f), key[0])
-            f.compile((float64[::1], float64[::1], float64[:, ::1], float64[::1], float64, float64, float64))
+            f = kept(njit(nogil=True, error_model="numpy", no_cfunc_wrapper=True)(f), key[0] + source)
+            f.compile((float64[::1], float64[::1], float64[:, ::1], float64[:, ::1], float64, float64, float64))
         _made[key] = f
     return _made[key]
 
 
 def _start(t, f, n_d, span):
-    """f, f', ..., f^(n_d) at the start: of the polynomial that fits the first samples best."""
+    """f, f', ..., f^(n_d) at the start of a piece: of the polynomial, two samples a coefficient, that fits best."""
     n = min(max(int(np.searchsorted(t, t[0] + span)), 2*(n_d + 1)), len(t))
-    fitted = np.polynomial.Polynomial.fit(t[:n], f[:n], min(n_d, n - 1))
+    fitted = np.polynomial.Polynomial.fit(t[:n], f[:n], min(n_d, max(n//2 - 1, 0)))
     return [float(fitted.deriv(i)(t[0])) for i in range(n_d + 1)]
 
 
@@ -87,15 +89,15 @@ def differentiate(t, f, L, n_d, n_f=0, method="levant"):
     -----
     UserWarning
         The record has gaps, steps of more than ten times what nine of ten do not exceed: they are named, and after each the
-        estimates start anew, from the next sample and zeros. And as `differentiator`.
+        estimates start anew. And as `differentiator`.
 
     Notes
     -----
     These are the blocks of `differentiator`, run over the arrays; see there for the equation, the accuracy and its limits.
-    The first estimates are f(0), 0, ..., 0 and have to settle; with ``L="auto"`` those of the polynomial of degree n_d that fits
-    the first samples best, because the L of a steady motion is too small to get there. Taylor's terms take each step as long as
-    it is. `implicit` takes steps that differ from their mean by less than a hundredth as even; if they really
-    differ, that costs it its order: prefer `levant` unless the times are only rounded.
+    The first estimates, and those after a gap, are f, 0, ..., 0 and have to settle; with ``L="auto"`` those of the polynomial of
+    degree n_d that fits the next samples best, because the L of a steady motion is too small to get there. Taylor's terms take
+    each step as long as it is. `implicit` takes steps that differ from their mean by less than a hundredth as even; if they
+    really differ, that costs it its order: prefer `levant` unless the times are only rounded.
 
     References
     ----------
@@ -109,10 +111,10 @@ def differentiate(t, f, L, n_d, n_f=0, method="levant"):
     """
     t, f = record("differentiate", t, f)
     blk = differentiator(n_d, n_f, method)
-    first = np.array(blk.z0)
+    first = np.array([blk.z0])
     if isinstance(L, str) and L == "auto":
-        L, span = scale(t, f, n_d)
-        first[n_f:] = *_start(t, f, n_d, span), 1.0
+        L, span, edges = scale(t, f, n_d)
+        first = np.array([(*blk.z0[:n_f], *_start(t[a:b], f[a:b], n_d, span), 1.0) for a, b in pairwise(edges)])
     blk = blk.with_(L=L)
     longest, even = gap(t), 0.0
     if method == "implicit":

@@ -11,7 +11,7 @@ import numpy as np
 from ..core import Param, ParameterError, Table, block
 from .lipschitz import lipschitz
 from .recorded import differentiate
-from .sampled import METHODS, per
+from .sampled import LOW, METHODS, per
 
 __all__ = ["Signal", "Trial", "read_csv", "trial"]
 
@@ -22,7 +22,7 @@ EXACT = 1e-14  # of the signal; less is rounding
 Order = Annotated[int, Param("n_d", low=0, high=12, help="highest derivative estimated")]
 Filter = Annotated[int, Param("n_f", low=0, high=12, slider=(0, 6), help="order of the filter")]
 Method = Annotated[Literal[tuple(METHODS)], Param("method", help="how a step is made")]
-Bound = Annotated[float, Param("L", "[f]/s^n", low=1e-9, log=True, slider=(1e-2, 1e4), help="bound of the derivative n, n_d + 1")]
+Bound = Annotated[float, Param("L", "[f]/s^n", low=LOW, log=True, slider=(1e-2, 1e4), help="bound of the derivative n, n_d + 1")]
 Found = Annotated[bool, Param("find L", help="estimate the bound from the samples")]
 
 
@@ -50,7 +50,7 @@ class Trial:
     L : float
         The bound used.
     tau : ndarray
-        Sampling steps at which the accuracy was measured [s].
+        Sampling steps at which the accuracy was measured [s]; of a record, NaN.
     sizes : ndarray, shape (n_d + 1, len(tau))
         Greatest \|z_i - f^(i)\| of the second half; of a record, NaN.
     """
@@ -164,7 +164,8 @@ def trial(signal=None):
 
         def differentiation(n_d: Order = 2, n_f: Filter = 0, method: Method = "levant", found: Found = True, L: Bound = 1.0):
             z, L = estimated(t, f, L, found, dict(n_d=n_d, n_f=n_f, method=method))
-            return Trial(t, f, z, None, L, np.array([]), np.full((n_d + 1, len(FACTORS)), math.nan))
+            nothing = np.full((n_d + 1, len(FACTORS)), math.nan)
+            return Trial(t, f, z, None, L, nothing[0], nothing)
 
         differentiation.__doc__ = differentiate.__doc__
         return block(differentiation)

@@ -4,7 +4,7 @@
 
 long levant_5(const double *t, const double *f, double *out, long n, double L, double gap)
 {
-    double z0 = f[0], z1 = 0, z2 = 0, z3 = 0, z4 = 0, z5 = 0, h = t[1] - t[0];
+    double z0 = f[0], z1 = 0, z2 = 0, z3 = 0, z4 = 0, z5 = 0, h = 0;
     for (long k = 0; k < n; k++) {
         double before = h;
         if (k + 1 < n) h = t[k + 1] - t[k];
