@@ -863,6 +863,12 @@ def test_a_log_of_a_step_response():
     log.take("other.csv", b"t,y\n" + rows)
     assert log.entries["step_time"].value == log.entries["amplitude"].value == ""  # of the file before
     assert "give step_time" in log.status
+    rows = "".join(f"{a:.3f},{b:.8g},{4.0*(a >= 0.3)}\n" for a, b in zip(t, y, strict=True)).encode()
+    log.take("three.csv", b"t,y,push\n" + rows)
+    p.wait()
+    assert "step of 4 at 0.3 s" in log.status and log.entries["u"].value == "push"
+    log.entries["u"].value = "–"
+    assert "there is no column of the input: give step_time [s]" in log.status
 
 
 # ---- one's own transfer function ---------------------------------------------------------------------------------

@@ -119,7 +119,8 @@ def read_csv(path, t=None, y=None, u=None, *, step_time=None, amplitude=None):
         Lines of numbers with commas, semicolons, tabs or blanks between them, under a line of names; lines that begin with
         ``#`` or ``%`` are passed over. A unit stands in brackets behind the name: ``time [ms]``, ``theta (rad)``.
     t, y, u : str, optional
-        Names of the columns of time, output and input. Default: the first, the second, and the remaining one of three.
+        Names of the columns of time, output and input. Default: the first, the second, and the remaining one of three; with
+        ``u=""`` there is no input.
     step_time, amplitude : float, optional
         When the input steps [s], and how high [u]; where not given, found in the column `u`: a change from sample
         to sample by more than 5 % of its range, and than 8 times its median change, begins an edge.
@@ -146,9 +147,11 @@ def read_csv(path, t=None, y=None, u=None, *, step_time=None, amplitude=None):
         table.refuse(f"there are {len(table.names)} columns ({', '.join(table.names)}): say which are t and y, and u where there "
                      "is an input")
     t, y = t or table.names[0], y or table.names[1]
-    u = u or (next((n for n in table.names if n not in (t, y)), None) if len(table.names) == 3 else None)
+    if u is None and len(table.names) == 3:
+        u = next((n for n in table.names if n not in (t, y)), None)
     for name, value, unit in (("step_time", step_time, "s"), ("amplitude", amplitude, "[u]")):
-        value is None or Param(unit=unit).check("prd.read_csv", name, value)
+        if value is not None:
+            Param(unit=unit).check("prd.read_csv", name, value)
     seconds, (output, _), until = table.times(t), table.column("y", y), math.inf
     if u:
         values, _ = table.column("u", u)

@@ -131,8 +131,8 @@ class Upload(Own):
         self._offer(self._block)
 
     def _block(self):
-        chosen = {n: w.value.strip() for n, w in self.entries.items() if w.value and w.value.strip() != NOTHING}
-        given = {n: _number(n, q) if isinstance(self.entries[n], W.Text) else q for n, q in chosen.items()}
+        given = {n: w.value.replace(NOTHING, "") for n, w in self.entries.items() if isinstance(w, W.Dropdown)}
+        given |= {n: _number(n, w.value.strip()) for n, w in self.entries.items() if isinstance(w, W.Text) and w.value.strip()}
         record = self._read(self._stream(), **given)
         return self._file[0], self._make(record), f"{record.about}."
 
