@@ -172,9 +172,9 @@ def trial(signal=None):
 
     def differentiation(n_d: Order = 2, n_f: Filter = 0, method: Method = "levant", L: Bound = 2.0, found: Found = False,
                         a_1: Annotated[float, Param("a_1", "[f]", slider=(0.0, 5.0), help="size of the sine")] = 1.0,
-                        omega_1: Annotated[float, Param(r"\omega_1", "rad/s", low=0.0, slider=(0.0, 5.0))] = 1.0,
+                        omega_1: Annotated[float, Param(r"\omega_1", "rad/s", low=0.0, high=1e4, slider=(0.0, 5.0))] = 1.0,
                         a_2: Annotated[float, Param("a_2", "[f]", slider=(0.0, 5.0), help="size of the cosine")] = 0.5,
-                        omega_2: Annotated[float, Param(r"\omega_2", "rad/s", low=0.0, slider=(0.0, 5.0))] = 0.5,
+                        omega_2: Annotated[float, Param(r"\omega_2", "rad/s", low=0.0, high=1e4, slider=(0.0, 5.0))] = 0.5,
                         noise: Annotated[Literal["white", "tone"], Param("noise", help="uniform, or a fast cosine")] = "white",
                         eps: Annotated[float, Param(r"\varepsilon", "[f]", low=0.0, slider=(0.0, 0.5), help="size of the noise")]
                         = 0.0,
