@@ -2,11 +2,12 @@
 
 import math
 
+import numpy as np
 import pytest
 from chain import loop_of_two, signs
 
 import smcaero_nb as smc
-from smcaero_nb import ParameterError, accuracy, applications, hosmc, smc1, smc2
+from smcaero_nb import ParameterError, accuracy, applications, block, hosmc, smc1, smc2
 from smcaero_nb.applications import perturbed_chain
 
 
@@ -64,3 +65,13 @@ def test_progress_and_cancel():
 def test_bad_input(call, message):
     with pytest.raises(ParameterError, match=message):
         call()
+
+
+def test_a_loop_that_ends_before_its_second_half_has_no_order():
+    """Nothing was measured there, and that is the reason given."""
+    @block
+    def early(t, x):
+        return 1.0 - t
+
+    found = accuracy(perturbed_chain(smc1.sign_smc, 1).with_(stop=early), duration=4.0)
+    assert found.order is None and np.isnan(found.sizes).all() and "ended before its second half" in str(found)

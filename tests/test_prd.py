@@ -710,6 +710,7 @@ def test_an_experiment_is_an_identification_with_a_sweep():
     probe = e.with_(window=0.3)()
     assert (probe.result.prd, str(probe)) == (3, str(prd.identify(lv.transfer_function(), window=0.3)))
     assert probe.sweep.windows[0] == 1e-3 and set(probe.sweep.prd) >= {5, 3, 2}
+    assert prd.sweep(lv.transfer_function(), (0.0562, 0.1)).prd == (5, 5)  # the analyser alone says 4
     record = prd.experiment(tuple(q for q in (T, T.clip(0.0)**2, 0.0, 1.0)))
     assert record().result.prd == 2 and record().result.confirmed and set(record().sweep.prd) == {2}
     assert record.with_(found=False, window=0.5)().result.time_scale == 0.5

@@ -102,6 +102,25 @@ def test_sliders_are_fit_for_their_values():
         assert m._status.value == "" and smc.simulate(m.target, 1.0).steps == 1000
     fast = mask(smc.rpl.loop().with_(tau=0.02)).widgets["actuator__descent__pulse"]
     assert (fast.min, fast.step) == (0.02, 0.02)
+    slow = mask(smc.rpl.loop().with_(tau=0.7)).widgets["actuator__descent__pulse"]
+    assert (slow.min, slow.max) == (0.7, 0.7)
+    given = live(smc.rpl.loop(), duration=1.0, tau=0.1).mask.widgets["actuator__descent__pulse"]
+    assert (given.min, given.step) == (0.1, 0.1)
+
+
+def test_sliders_of_odd_ranges():
+    @block(state=dict(held=(0.0, Param("h", hidden=True))))
+    def odd(u, z, tau, one: Annotated[float, Param(slider=(1.0, 1.0))] = 3.0,
+            only: Annotated[float, Param(low=2.0, high=2.0)] = 2.0,
+            pulse: Annotated[float, Param("T", "s", low=0.0, samples=True)] = 0.2, below=-1e-3,
+            far: Annotated[float, Param(slider=(-200.0, 200.0))] = 1.0):
+        return u, z
+
+    m = mask(smc.rpl.loop().with_(actuator=smc.channels(attitude=odd, descent=odd)), include=["actuator__attitude"])
+    low, high = ([getattr(m.widgets[f"actuator__attitude__{n}"], q) for n in odd.params] for q in ("min", "max"))
+    assert low == [1.0, 2.0, 0.05, -0.004, -4.0] and high == [3.0, 2.0, 0.8, 0.0, 4.0]
+    with pytest.raises(ParameterError, match="include"):
+        mask(smc.rpl.loop(), include=["actuator__attitude__held"])
 
 
 def test_no_two_controls_of_a_group_look_alike():
@@ -792,7 +811,7 @@ def test_another_column_is_another_signal(own):
 
 @pytest.mark.parametrize("head, chosen", [("t,f", "tf"), ("F,T", "TF"), ("row,t,y", "ty"), ("y,t", "ty"), (",t,y", "ty"),
                                           ("time [s],x", ("time", "x")), ("f,x", ("x", "f")), ("time [s],T [K]", ("time", "T")),
-                                          ("T,Time", ("Time", "T")), ("F,t,f", "tf")])
+                                          ("T,Time", ("Time", "T")), ("t,y – filtered", ("t", "y – filtered")), ("F,t,f", "tf")])
 def test_columns_are_guessed_by_name_then_by_place_and_none_twice(own, head, chosen):
     own.take("a.csv", (head + "\n" + "".join(",".join([str(k)]*len(head.split(","))) + "\n" for k in range(150))).encode())
     assert [w.value for w in own.entries.values()] == list(chosen) and own.live.mask.choice.value == "a.csv"

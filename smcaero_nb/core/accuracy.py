@@ -29,8 +29,8 @@ class Accuracy:
     names : tuple of str
         What was measured: ``"sigma"``, ``"sigma'"``, ..., with several inputs ``"sigma[0]"``, ...
     sizes : ndarray, (len(names), len(tau))
-        Greatest absolute value of each over the second half of the run; NaN where the run diverged, had not settled, or went
-        below what float64 resolves.
+        Greatest absolute value of each over the second half of the run; NaN where the run diverged, ended before it, had not
+        settled, or went below what float64 resolves.
     slopes : tuple of float
         Slope of each over tau, both logarithmic; NaN with fewer than four good steps.
     order : int or None
@@ -137,7 +137,8 @@ def accuracy(loop, duration=None, dt=None, tau=None, *, factors=FACTORS, method=
 
 def _measured(run):
     """[(name, derivative)], the greatest size of each in the tail, and why it does not count."""
-    names, sizes, why = [], [], "diverged" if run.diverged_at is not None else ""
+    names, sizes = [], []
+    why = "diverged" if run.diverged_at is not None else "" if run.tail else "ended before its second half"
     many = hasattr(run.loop.stages["law"], "parts")
     tails = run.tail_sigma if many else (run.tail_sigma,)
     lows, highs, peaks = ((q if many else (q,)) for q in (run.low.sigma, run.high.sigma, run.max_sigma))

@@ -33,7 +33,7 @@ class Table:
 
     Commas, semicolons, tabs or blanks stand between the numbers; lines that begin with ``#`` or ``%`` are passed over, and a
     unit stands in brackets behind the name: ``time [ms]``, ``theta (rad)``. With semicolons, tabs or blanks a comma in a number
-    is its decimal point. What is not UTF-8 or UTF-16 is read as Windows-1252.
+    is its decimal point. What is neither UTF-8 nor UTF-16 with its mark is read as Windows-1252.
 
     Parameters
     ----------

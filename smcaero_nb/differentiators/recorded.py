@@ -117,8 +117,9 @@ def differentiate(t, f, L, n_d, n_f=0, method="levant"):
         first = np.array([(*blk.z0[:n_f], *_start(t[a:b], f[a:b], n_d, span), 1.0) for a, b in pairwise(edges)])
     blk = blk.with_(L=L)
     longest, even = gap(t), 0.0
-    if method == "implicit":
+    if method == "implicit" or not longest < math.inf:  # or the pass would not even start
         refuse("differentiate", t, f)
+    if method == "implicit":
         even = np.diff(t)
         even = float(even[even <= longest].mean())
     out = np.empty((n_d + 1, len(t)))

@@ -27,7 +27,7 @@ METHODS = {
     have errors of the order tau, whatever n_d."""),
 }
 LIMIT = 7  # highest order that float64 serves
-LOW = 1e-200  # of L in any unit; with less, powers of tau would underflow
+LOW = 1e-200  # of L in any unit; with less, its products with powers of tau would underflow
 
 
 def _error(r, z):

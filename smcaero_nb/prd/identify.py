@@ -80,7 +80,7 @@ def _at(record, window, alpha):
     confirmed = prd is not None and a == b
     if analysis.jumps and not confirmed:
         why += "; ".join(f"{m}: {said}" for m, said in (("analyser", analysis.reason or f"PRD {a}"), (
-            "power law", power.reason or f"PRD {b}, slope {power.slope:.2f}")))
+            "power law", power.reason or f"PRD {b}, slope {power.slope:.2f}, {power.onset:.2f} at the step")))
     gain = np.nan
     if prd and prd == b:  # y r!/t^r, extended to t = 0 by a straight line
         s = t[start + n//4:] - record.step_time
@@ -137,8 +137,8 @@ def identify(source, *, output=None, surface=None, window=None, alpha=0.1, ampli
         sliding variable of it, which is then what is identified.
     window : float, optional
         w [s]: what happens within it counts as at once. Default: 0.02 s for models; for a record, of those that are 1/1.25,
-        1/2.5, 1/5, ... of what follows the step, the shortest at which the power law shows, or one of the next two: the first
-        at which both methods confirm it, if the slope from window to window leads there as well.
+        1/2.5, 1/5, ... of what follows the step, the shortest at which the power law shows, or one of the next two. It is the
+        first of these three at which both methods agree; the slope, followed from window to window, has to lead there too.
     alpha : float
         Share of its excursion that a derivative may still lack at the end of the window, 0.01 to 0.15; from 0.2 on, even
         a ramp would pass as a step: it makes 1/1.25 of its way within w.
@@ -181,8 +181,8 @@ def identify(source, *, output=None, surface=None, window=None, alpha=0.1, ampli
 
     The paper gives alpha = 0.1 but no formula for it. The analyser here is one that gives its answers: 5 for eq (7) at 20 ms,
     and for `lv.launcher` 5 at 20 ms, 3 at 0.3 s and, as its design takes it, 2 at 0.6 s. It compares what a derivative
-    makes within w with what it makes within 1.25 w; over 10, 5 and 1.7 w it would give 5, 5 and 3 for `lv.launcher` at 5 ms,
-    50 ms and 0.6 s, where it gives 3, 4 and 2 here.
+    makes within w with what it makes within 1.25 w. Compared over more it would give higher orders: for `lv.launcher` 5 at 5 ms
+    (over 10 w), 5 at 50 ms (5 w) and 3 at 0.6 s (1.7 w), not 3, 4 and 2.
 
     Erratum: none in the paper's numbers, but "relative degree" and PRD differ: that of `lv.launcher` is 3, by the small
     inertial coupling, which both methods see up to 5 ms.

@@ -85,6 +85,8 @@ class PRDResult:
                          f"extrapolated to the step as t^{b.onset:.2f}.")
         if b.reason:
             lines.append(f"The power law gives no answer: {b.reason}.")
+        elif r and a.prd not in (None, r):
+            lines.append("The power law is believed: extrapolated to the step, its slope is a whole number.")
         if r:
             lines.append(f"High-frequency gain: y^({r}) steps by {self.gain:.4g} per unit of input.")
         return "\n".join([*lines, f"Noise: {self.noise_floor:.2g} of the greatest response in the window."])

@@ -231,8 +231,8 @@ def governed_command(t, printed: Printed = False,
     Notes
     -----
     Not in the paper: an extension. From 500 m away the sliding variable (49) asks for 2000 m/s^2; with this command it starts
-    near 0, if x_0 is where the lander starts: it does not follow ``plant__altitude``, and 600 m beside it the lander crashes.
-    The error e is then that from the governed command.
+    near 0, if x_0 is where the lander starts: it does not follow ``plant__altitude``, and 100 m below or 300 m above the
+    lander it makes a crash. The error e is then that from the governed command.
     """
     pitch, (x, v) = command(t, printed)
     s, height = min(t/T_r, 1.0), start - 6000.0 if governed else 0.0

@@ -23,7 +23,7 @@ Low = Annotated[float, Param(r"u_{min}", "N", help="least thrust", slider=(-30.0
 High = Annotated[float, Param(r"u_{max}", "N", help="greatest thrust", slider=(0.0, 3000.0))]
 Pulse = Annotated[float, Param("T_s", "s", low=0.0, samples=True, help="least duration of a pulse and of a pause",
                                slider=(0.05, 1.0))]
-HELD = dict(held=(0.0, Param("u_h", "N", hidden=True, help="thrust that is held")))
+HELD = dict(held=(0.0, Param("u_h", "N", hidden=True, help="thrust that is held; the first sample replaces it")))
 
 
 @block

@@ -6,7 +6,7 @@ from typing import Annotated
 from ..core import Param, block, exceeds
 from ..core.signal import sign
 
-__all__ = ["quasi_smc", "saturation_smc", "sign", "sign_smc", "tanh_smc"]
+__all__ = ["quasi_smc", "saturation_smc", "sign_smc", "tanh_smc"]
 
 Rho = Annotated[float, Param(r"\rho", "[v]", low=0.0, help="gain, larger than the bound of the perturbation", slider=(0.0, 10.0))]
 Layer = Annotated[float, Param(r"\varepsilon", "[sigma]", low=1e-9, log=True, slider=(1e-4, 10.0),

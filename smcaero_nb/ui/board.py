@@ -62,7 +62,7 @@ class Live(W.Box):
 
     def __init__(self, loops, duration, dt, tau, states, phase, include):
         self.times = dict(duration=duration, dt=dt, tau=tau)
-        self.mask, self._picture, self._shown = Mask(loops, include), Picture(), (states, phase)
+        self.mask, self._picture, self._shown = Mask(loops, include, tau), Picture(), (states, phase)
         self.curves = {}
         self.status, self._drawn = "", None  # _drawn: which of the loops the curves are of
         for loop in self.mask.offered.values():

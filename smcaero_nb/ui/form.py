@@ -6,7 +6,6 @@ import re
 import threading
 import warnings
 from contextlib import contextmanager
-from dataclasses import replace
 from typing import get_args
 
 import anywidget
@@ -77,7 +76,7 @@ def _groups(target):
 
 
 def _span(meta, value):
-    """Range of the slider: the declared one, else the bounds, else about the value, as also where that is a few steps of them."""
+    """Range of the slider: the declared one, else the bounds, else about the value, and so where it is less than three steps."""
     low, high = meta.slider or (meta.low, meta.high)
     reach = 4*abs(value) or 1.0
     if not (meta.log or isinstance(value, int)) and math.isfinite(high - low) and 0.0 < abs(value) < 3*_step(high - low):
@@ -91,7 +90,7 @@ def _span(meta, value):
 
 def _step(span):
     """About a two-hundredth of the range: 1, 2 or 5 times a power of ten."""
-    power = 10.0**math.floor(math.log10(span/200))
+    power = 10.0**math.floor(math.log10((span or 1.0)/200))
     return power*next(m for m in (1, 2, 5, 10) if m*power >= 0.999*span/200)
 
 
@@ -104,8 +103,6 @@ class _Row:
     """Slider and text entry of one number, the checkbox of a switch, or a list; `asked` is called with what a person asks for."""
 
     def __init__(self, name, meta, value, kind, asked, shared, grid):
-        if meta.samples and grid:  # a slider that stands where it may
-            meta = replace(meta, slider=(grid, grid*max(1, round(meta.slider[1]/grid))))
         say = dict(description=label(name, meta), tooltip=meta.help)
         self.meta, self.kind, self.entry, self.told = meta, kind, None, []
         if kind is bool:
@@ -114,6 +111,9 @@ class _Row:
             self.widget = self.box = W.Dropdown(options=get_args(kind), value=value, layout=shared["layout"], **say)
         else:
             low, high = _span(meta, value)
+            step = _step(high - low)
+            if meta.samples and grid:  # a slider that stands where it may
+                low, high, step = grid, grid*max(round(high/grid), 1), grid
             say |= dict(readout=False, layout=shared["layout"], style=shared["slider"])
             if kind is int:
                 self.widget = W.IntSlider(value, math.floor(low), math.ceil(high), **say)
@@ -121,7 +121,6 @@ class _Row:
                 a, b = math.log10(low), math.log10(high)
                 self.widget = W.FloatLogSlider(10.0**a, min=a, max=b, step=_step(b - a), **say)
             else:
-                step = grid if meta.samples and grid else _step(high - low)
                 self.widget = W.FloatSlider(low, min=low, max=high, step=step, **say)
             self.entry = W.Text(continuous_update=False, tooltip=meta.help, layout=shared["layout"], style=shared["text"])
             self.entry.observe(lambda change: asked(name, self.typed(change.new)), "value")
@@ -238,10 +237,10 @@ class Mask(W.VBox):
 
     target = traitlets.Any()
 
-    def __init__(self, target, include=None):
+    def __init__(self, target, include=None, tau=None):
         self.offered = dict(target) if isinstance(target, dict) else {"": target}
         self._given = dict(self.offered)  # as they were, for reset
-        self._include, self._forms, self._lock, self._quiet = include, {}, threading.RLock(), False
+        self._tau, self._include, self._forms, self._lock, self._quiet = tau, include, {}, threading.RLock(), False
         self.page, self._status, self._body = Page(), W.HTML(), W.VBox()
         self.choice = W.Dropdown(options=list(self.offered))
         self._reset = W.Button(description="Reset", icon="undo", tooltip="Back to the values at the start")
@@ -366,14 +365,13 @@ class Mask(W.VBox):
 
     def _form(self, target):
         """Rows {name: _Row} and groups of the form."""
-        known, include = _settable(target), self._include
+        known, include = {n: q for n, q in _settable(target).items() if not q[0].hidden}, self._include
         for i in include or ():
             if not any(n == i or n.startswith(f"{i}__") for n in known):
                 raise unknown("mask: include", i, known)
-        names = [n for n, (m, *_) in known.items() if not m.hidden
-                 and (include is None or any(n == i or n.startswith(f"{i}__") for i in include))]
+        names = [n for n in known if include is None or any(n == i or n.startswith(f"{i}__") for i in include)]
         shared = dict(layout=W.Layout(), slider=W.FloatSlider.style.klass(), text=W.Text.style.klass())
-        grid = (target.tau or target.dt) if isinstance(target, ClosedLoop) else None
+        grid = (self._tau or target.tau or target.dt) if isinstance(target, ClosedLoop) else None
         rows = {n: _Row(n, *known[n], self._asked, shared, grid) for n in names}
         said = {n: (f"{n.replace('__', ' ')} {known[n][0].unit}".removesuffix(" 1"), known[n][0].log) for n in names}
         self.page.tell(said)

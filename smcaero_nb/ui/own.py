@@ -131,7 +131,7 @@ class Upload(Own):
         self._offer(self._block)
 
     def _block(self):
-        given = {n: w.value.replace(NOTHING, "") for n, w in self.entries.items() if isinstance(w, W.Dropdown)}
+        given = {n: "" if w.value == NOTHING else w.value for n, w in self.entries.items() if isinstance(w, W.Dropdown)}
         given |= {n: _number(n, w.value.strip()) for n, w in self.entries.items() if isinstance(w, W.Text) and w.value.strip()}
         record = self._read(self._stream(), **given)
         return self._file[0], self._make(record), f"{record.about}."
@@ -164,7 +164,7 @@ class TransferFunction(Own):
 
 def _alike(name, names):
     """The column that is called like a signal: a T beside a time is a temperature."""
-    ways = (str(name).__eq__, lambda q: name == "t" and q.lower().startswith("time"), lambda q: q.lower() == name)
+    ways = (lambda q: q == name, lambda q: name == "t" and q.lower().startswith("time"), lambda q: q.lower() == name)
     return next((q for way in ways for q in names if way(q)), None)
 
 

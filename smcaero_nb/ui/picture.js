@@ -29,8 +29,8 @@ async function render({ model, el }) {
   const changes = "change:drawing change:x change:y";
   curves.on(changes, later);
 
-  // Not plotly's own fit to the page, which forgets the height. It begins by telling the width there is.
-  const fitter = new ResizeObserver(() => { if (el.clientWidth !== box._fullLayout?.width) later(); });
+  // Not plotly's own fit to the page, which forgets the height. It also tells that a hidden picture, not drawn, is seen again.
+  const fitter = new ResizeObserver(later);
   fitter.observe(el);
   return () => { fitter.disconnect(); curves.off(changes, later); plotly.purge(box); };
 }

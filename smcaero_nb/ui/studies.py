@@ -138,8 +138,8 @@ class Compare(Study):
         for i, (name, loop) in enumerate(loops.items()):
             runs[name] = simulate(loop, **self._times, record=ROWS, progress=lambda q, i=i: progress((i + q)/len(loops)))
         self.runs = runs
-        curves = {n: [c for c in panels(r, phase=True) if c.row != LAW] for n, r in runs.items()
-                  if len(r.t)}  # each law has its own
+        # without the states of the laws: each has its own
+        curves = {n: [c for c in panels(r, phase=True) if c.row != LAW] for n, r in runs.items() if len(r.t)}
         self._show(draw(curves), comparison_html(runs))
         lost = [f"{n} {why_diverged(r)}" for n, r in runs.items() if r.diverged_at is not None]
         return "; ".join(lost), True

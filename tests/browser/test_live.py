@@ -201,6 +201,17 @@ def test_nothing_is_clipped(nb):
     assert side["y"] + side["height"] <= nb.page.locator(".js-plotly-plot").bounding_box()["y"]  # one above the other
 
 
+def test_a_picture_that_was_hidden_shows_what_is_there_now(nb):
+    before, _ = nb.curve("y")
+    hide = "q => { document.querySelector('.smcaero-live').closest('.jp-Cell-outputArea').style.display = q }"
+    nb.page.evaluate(hide, "none")
+    nb.ask("picture.set(law__rho=3.0)")
+    nb.page.wait_for_timeout(500)
+    nb.page.evaluate(hide, "")
+    changed(nb, "y", before)
+    nb.page.wait_for_function(FITS)
+
+
 def test_picture_for_the_readme(nb):
     nb.page.locator(".smcaero-choice select").select_option("adaptive super-twisting")
     agrees(nb, "law.lam")
