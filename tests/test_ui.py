@@ -907,6 +907,7 @@ def identify(own, numerator, denominator):
 
 @pytest.mark.parametrize("numerator, denominator, name, order", [
     ("1", "1 3 3 1", "(1)/(s^3 + 3s^2 + 3s + 1)", 3),
+    ("1", "2, 5,5", "(1)/(2s + 5.5)", 1), ("1", "1,3,3", "(1)/(s^2 + 3s + 3)", 2),
     (" 2, 1 ", "1;0\t-4", "(2s + 1)/(s^2 - 4)", 1),
     ("-1 0", "0 1 0 1 0", "(-s)/(s^3 + s)", 2),
     ("1e-3", "1 0.5 0", "(0.001)/(s^2 + 0.5s)", 2),
@@ -918,6 +919,7 @@ def test_a_transfer_function_of_ones_own(typed_in, numerator, denominator, name,
 
 @pytest.mark.parametrize("numerator, denominator, said", [
     ("", "1 1", "numerator: '' is not a finite number"), ("1", "  ", "denominator: '' is not a finite number"),
+    ("0,5", "1 0", "numerator: '0,5' may be one number or two; put blanks between coefficients, a point in a number"),
     ("a", "1", "numerator: 'a' is not a finite number"), ("1", "1 nan", "denominator: 'nan' is not a finite number"),
     ("1", "1 1e999", "denominator: '1e999' is not a finite number"), ("s+1", "1 1", "numerator: 's+1' is not a finite number"),
     ("0 0", "1 1", "numerator: '0 0' is not allowed; one of its coefficients must not be 0"),

@@ -187,7 +187,7 @@ def trial(signal=None):
         if not LEAST <= duration/tau <= MOST:
             raise ParameterError(f"differentiators.trial: tau = {tau:g} s is not allowed; with T = {duration:g} s it must be "
                                  f"from {duration/MOST:.3g} to {duration/LEAST:.3g} s ({MOST} to {LEAST} samples)")
-        reached = a_1*omega_1**(n_d + 1) + a_2*omega_2**(n_d + 1)
+        reached = abs(a_1)*omega_1**(n_d + 1) + abs(a_2)*omega_2**(n_d + 1)
         if not found and L < reached:
             warnings.warn(f"L = {L:g} is less than the {reached:.3g} that derivative {n_d + 1} of f may reach: the theorem does "
                           "not cover this", UserWarning, stacklevel=2)

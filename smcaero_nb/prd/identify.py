@@ -229,7 +229,8 @@ def _judged(records, window, alpha, noise):
     scale = np.abs(gains).max(axis=1, keepdims=True, initial=0.0)
     why = ""
     if None in prd:
-        why = f"output {prd.index(None) + 1} is unresolved, see explain()"
+        i = prd.index(None)
+        why = f"output {i + 1}: " + next((q.reason for q in acting[i] if not q.prd), "no input acts on it")
     elif np.linalg.matrix_rank(gains/scale, tol=1e-2) < min(gains.shape):
         why = "the matrix of the high-frequency gains is singular, so that the inputs cannot act on the outputs one by one"
     elif not all(q.confirmed for r, row in zip(prd, acting, strict=True) for q in row if q.prd == r):

@@ -118,8 +118,11 @@ class VectorPRD:
     reason: str
 
     def __str__(self):
-        return f"The experimentally determined vector PRD is equal to [{', '.join(str(r) for r in self.prd)}]" + (
-            "" if self.confirmed else f" (not confirmed: {self.reason})")
+        if not any(self.prd):
+            return f"The vector PRD is unresolved: {self.reason}"
+        said = ", ".join("-" if r is None else str(r) for r in self.prd)
+        return f"The experimentally determined vector PRD is equal to [{said}]" + ("" if self.confirmed else
+                                                                                f" (not confirmed: {self.reason})")
 
     def explain(self):
         """The answer, and each entry in words."""

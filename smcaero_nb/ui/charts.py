@@ -117,7 +117,7 @@ def _stack(titles, ranges, across, span=None):
         at, top = str(i + 1) if i else "", 1.0 - i*(tall + gap)/height
         axes[f"yaxis{at}"] = dict(Y_AXIS, domain=(max(top - tall/height, 0.0), top), nticks=3 if n > 7 else 4, range=reach)
         axes[f"legend{at}"] = dict(x=1.0, y=top, **LEGEND)
-        axes["annotations"].append(dict(text=title, xref="paper", yref=f"y{at} domain", x=0.0, y=0.5, xshift=-50,
+        axes["annotations"].append(dict(text=title, xref="paper", yref=f"y{at} domain", x=0.0, y=0.5, xshift=-58,
                                         xanchor="right", showarrow=False, font_size=13))
     axes["xaxis"] = dict(X_AXIS, domain=(0.0, 1.0), anchor=f"y{n if n > 1 else ''}", range=span,
                          title=dict(text=across, standoff=4))
@@ -142,7 +142,8 @@ def _beside(stack, charts):
                  f"legend{at}": dict(LEGEND, x=right, y=BELOW/full)}
         if i < len(charts) - 1:  # inside, where a line that rises leaves room
             axes[f"legend{at}"] |= dict(orientation="v", x=left + 0.01, xanchor="left", yanchor="top")
-    return traces, dict(LAYOUT, height=full + TOP + BOTTOM, hovermode="closest", hoversubplots="single", **axes)
+    margin = dict(LAYOUT["margin"], l=96)  # room for f^(12) beside the numbers
+    return traces, dict(LAYOUT, height=full + TOP + BOTTOM, margin=margin, hovermode="closest", hoversubplots="single", **axes)
 
 
 def _shown(values):

@@ -143,7 +143,7 @@ class TransferFunction(Own):
     def __init__(self, live, make):
         self._make = make
         self.entries = {n: W.Text(value, description=n, layout=W.Layout(width="300px"), style=dict(description_width="90px"),
-                                  tooltip="Coefficients, highest power first, with blanks or commas between them")
+                                  tooltip="Coefficients, highest power first, with blanks between them")
                         for n, value in (("numerator", "1"), ("denominator", "1 3 3 1"))}
         self.button = W.Button(description="Identify", icon="check", tooltip="Offer this transfer function in the mask")
         self.button.on_click(lambda _: self._offer(self._block))
@@ -152,7 +152,7 @@ class TransferFunction(Own):
     def _block(self):
         import control  # it takes a second to import, so only here
 
-        num, den = ([_number(n, q) for q in re.split(r"[,;\s]+", w.value.strip())] for n, w in self.entries.items())
+        num, den = (_coefficients(n, w.value.strip()) for n, w in self.entries.items())
         for n, q in (("numerator", num), ("denominator", den)):
             if not any(q):
                 raise ParameterError(f"{n}: {self.entries[n].value!r} is not allowed; one of its coefficients must not be 0")
@@ -177,6 +177,14 @@ def _number(name, text):
     if not math.isfinite(value):
         raise ParameterError(f"{name.replace('_', ' ')}: {text!r} is not a finite number")
     return value
+
+
+def _coefficients(name, text):
+    """The numbers of a text; beside blanks or semicolons a comma is a decimal point."""
+    if re.fullmatch(r"[^,;\s]+,[^,;\s]+", text):
+        raise ParameterError(f"{name}: {text!r} may be one number or two; put blanks between coefficients, a point in a number")
+    parts = re.split(r"[;\s]+", text) if re.search(r"[;\s]", text) else text.split(",")
+    return [_number(name, q.rstrip(",").replace(",", ".")) for q in parts]
 
 
 def _polynomial(coefficients):

@@ -53,6 +53,9 @@ class Picture(anywidget.AnyWidget):
     def show(self, traces, layout):
         """Draw traces."""
         drawn = go.Figure(traces, layout).to_plotly_json()
+        for name, axis in drawn["layout"].items():  # else one that was given a range before stays without any
+            if name.startswith(("xaxis", "yaxis")):
+                axis.setdefault("autorange", "range" not in axis)
         x, y = ([_numbers(t[k] if k in t else None) for t in traces] for k in "xy")
         bare = [{k: v for k, v in t.items() if k != "uid" and not (k == "x" and len(a) or k == "y" and len(b))}
                 for t, a, b in zip(drawn["data"], x, y, strict=True)]

@@ -112,7 +112,8 @@ def _prose(text):
     text = re.sub(r"^\.\. math::(.*(?:\n(?:[ \t]+\S.*|[ \t]*(?=\n)))*)", equation, text, flags=re.M)
     text = re.sub(r":math:`([^`]*)`", r"$\1$", text)
     parts = re.split(r"(\$\$.*?\$\$|\$.*?\$)", text, flags=re.S)
-    parts[::2] = [re.sub(r"``?([^`]+)``?", r"<code>\1</code>", p).replace(r"\|", "|") for p in parts[::2]]
+    parts[::2] = [re.sub(r"``?([^`]+)``?", r"<code>\1</code>", re.sub(r"\*\*([^*]+)\*\*", r"<b>\1</b>", p)).replace(
+        r"\|", "|") for p in parts[::2]]
     return "".join(f"<p>{p}</p>" for p in re.split(r"\n\s*\n", "".join(parts).strip()))
 
 

@@ -212,6 +212,18 @@ def test_a_picture_that_was_hidden_shows_what_is_there_now(nb):
     nb.page.wait_for_function(FITS)
 
 
+def test_keys_for_a_control_are_no_commands_of_the_notebook(nb):
+    cells = nb.page.locator(".jp-Cell").count()
+    choice = nb.page.locator(".smcaero-choice select")
+    choice.focus()
+    choice.press("ArrowDown")
+    nb.page.wait_for_function("() => document.querySelector('.smcaero-choice select').selectedOptions[0].text !== 'quasi-SMC'")
+    for control, key in ((nb.slider("law__gamma"), "b"), (nb.page.locator(".smcaero-fold").first, "x")):
+        control.press(key)
+        nb.page.wait_for_timeout(300)
+        assert nb.page.locator(".jp-Cell").count() == cells
+
+
 def test_picture_for_the_readme(nb):
     nb.page.locator(".smcaero-choice select").select_option("adaptive super-twisting")
     agrees(nb, "law.lam")
@@ -286,3 +298,28 @@ def test_any_figure_of_plotly_is_drawn(notebook):
             const t = document.querySelector('.js-plotly-plot')?._fullData?.[0];
             const plain = q => q && Array.from(q._inputArray ?? q);
             return t && JSON.stringify([t._input.x, t._input.y].map(plain)) === JSON.stringify(eval(wanted)) }""", arg=wanted)
+
+
+CASES = """import smcaero_nb as smc
+rpl, prd = smc.rpl, smc.prd
+own = smc.ui.live({"eq (7)": prd.experiment(smc.lv.transfer_function()),
+                   "lander": prd.experiment(rpl.lander, output=rpl.attitude_and_altitude)})
+own"""
+SPAN = "() => document.querySelector('.js-plotly-plot')?._fullLayout?.xaxis?.range"
+
+
+def test_axes_follow_the_case_that_is_chosen(notebook):
+    """Also where one case gives the range of an axis and the other does not."""
+    nb = notebook(CASES)
+    assert nb.run() == []
+    choice, seen = nb.page.locator(".smcaero-choice select"), {}
+    for name in ("eq (7)", "lander", "eq (7)", "lander"):
+        choice.select_option(name)
+        nb.page.wait_for_function("n => document.querySelectorAll('.js-plotly-plot .main-svg .xy').length && "
+                                  "document.querySelector('.smcaero-result').textContent.includes(n)",
+                                  arg="[2, 2]" if name == "lander" else "equal to 5")
+        nb.page.wait_for_timeout(500)
+        low, high = nb.page.evaluate(SPAN)
+        assert -0.1 < low < 0.0 < high < 0.1
+        assert seen.setdefault(name, (low, high)) == (low, high)
+    assert nb.errors == []
