@@ -85,8 +85,10 @@ def test_the_bound_is_found_or_doubted():
     assert found.L == lipschitz(found.t, found.f, 1) and 1.1 < found.L < 2.5
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        trial().with_(found=True, n_d=1, L=0.1)()
+        trial().with_(found=True, n_d=1)()
         trial().with_(n_d=1, L=1.126)()
+    with pytest.warns(UserWarning, match="L is found, not the one set"):
+        assert trial().with_(found=True, n_d=1, L=0.1)().L == found.L
     with pytest.warns(UserWarning, match=r"L = 1 is less than the 1.12 that derivative 2 of f may reach"):
         trial().with_(n_d=1, L=1.0)()
 
@@ -161,7 +163,7 @@ def test_a_log_in_hours():
     f = 10.0*np.sin(3600.0*omega*t) + 0.05*rng.standard_normal(len(t))
     text = "t [h],f\n" + "".join(f"{a!r},{b!r}\n" for a, b in zip(t.tolist(), f.tolist(), strict=True))
     mask = smc.ui.mask(trial(read_csv(named(text))).with_(n_d=3))
-    for found, L in ((True, "1"), (False, "2.8e-16")):
+    for found, L in ((True, "2"), (False, "2.8e-16")):
         mask.entries["L"].value, mask.widgets["found"].value = L, found
         tried = mask.target()
         assert 1.0 <= tried.L/2.79e-16 < 2.0

@@ -856,6 +856,25 @@ def test_a_record_that_cannot_be_differentiated_is_said_below_the_mask(own):
     assert own.live.status == "" and len(own.live.run.t) == 5
 
 
+def test_what_is_found_and_not_used_is_said(own):
+    """Of a record L, and the window, are found unless told; a value that is set beside that does nothing, and is told so."""
+    own.take("a.csv", csv())
+    own.live.wait()
+    assert own.live.status == ""
+    own.live.set(L=80.0)
+    assert own.live.status == "L is found, not the one set: switch 'find L' off to use that."
+    own.live.set(found=False)
+    assert own.live.run.L == 80.0 and own.live.status == ""
+    t = np.arange(800)*1e-3
+    p = live(smc.prd.experiment((t, (t - 0.3).clip(0.0)**2, 0.3, 1.0)))
+    p.wait()
+    assert p.status == ""
+    p.set(window=0.1)
+    assert p.status == "w is found, not the one set: switch 'find w' off to use that."
+    p.set(found=False)
+    assert p.status == "" and p.run.result.time_scale == 0.1
+
+
 def test_a_log_of_a_step_response():
     p = live(smc.prd.experiment(mass, output=position))
     p.wait()

@@ -17,6 +17,7 @@ __all__ = ["Signal", "Trial", "read_csv", "trial"]
 
 FACTORS = (4.0, 2.0, 1.0, 0.5, 0.25)  # times tau: sampling steps of the accuracy
 LEAST, MOST = 100, 500_000  # samples of a trial
+GUESS = 2.0  # of L, to start with
 EXACT = 1e-14  # of the signal; less is rounding
 
 Order = Annotated[int, Param("n_d", low=0, high=12, help="highest derivative estimated")]
@@ -156,13 +157,15 @@ def trial(signal=None):
     [2, 1]
     """
     def estimated(t, f, L, found, how):
+        if found and L != GUESS:
+            warnings.warn("L is found, not the one set: switch 'find L' off to use that", UserWarning, stacklevel=3)
         used = lipschitz(t, f, how["n_d"]) if found else L
         return differentiate(t, f, "auto" if found else L, **how), used
 
     if signal is not None:
         t, f = (np.array(q, float) for q in signal[:2])
 
-        def differentiation(n_d: Order = 2, n_f: Filter = 0, method: Method = "levant", found: Found = True, L: Bound = 1.0):
+        def differentiation(n_d: Order = 2, n_f: Filter = 0, method: Method = "levant", found: Found = True, L: Bound = GUESS):
             z, L = estimated(t, f, L, found, dict(n_d=n_d, n_f=n_f, method=method))
             nothing = np.full((n_d + 1, len(FACTORS)), math.nan)
             return Trial(t, f, z, None, L, nothing[0], nothing)
@@ -170,7 +173,7 @@ def trial(signal=None):
         differentiation.__doc__ = differentiate.__doc__
         return block(differentiation)
 
-    def differentiation(n_d: Order = 2, n_f: Filter = 0, method: Method = "levant", L: Bound = 2.0, found: Found = False,
+    def differentiation(n_d: Order = 2, n_f: Filter = 0, method: Method = "levant", L: Bound = GUESS, found: Found = False,
                         a_1: Annotated[float, Param("a_1", "[f]", slider=(0.0, 5.0), help="size of the sine")] = 1.0,
                         omega_1: Annotated[float, Param(r"\omega_1", "rad/s", low=0.0, high=1e4, slider=(0.0, 5.0))] = 1.0,
                         a_2: Annotated[float, Param("a_2", "[f]", slider=(0.0, 5.0), help="size of the cosine")] = 0.5,

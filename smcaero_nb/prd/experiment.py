@@ -1,6 +1,7 @@
 """The identification as a function of numbers, for a mask."""
 
 import functools
+import warnings
 from typing import Annotated, NamedTuple
 
 import numpy as np
@@ -91,6 +92,8 @@ def experiment(source, window=DEFAULT, **settings):
 
         def identification(found: Found = True, window: Window = end/4, alpha: Alpha = 0.1, noise: Noise = 0.0):
             how = dict(alpha=alpha, noise=noise)
+            if found and window != end/4:
+                warnings.warn("w is found, not the one set: switch 'find w' off to use that", UserWarning, stacklevel=2)
             return Probe(identify(source, window=None if found else window, **how), swept(windows, **how))
     else:
         windows = tuple(np.geomspace(*SCALES, COUNT))
