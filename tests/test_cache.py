@@ -1,14 +1,19 @@
 """Compiled loops on disk: private, shared between processes, never stale, and dispensable."""
 
 import json
+import math
 import os
+import pathlib
+import random
 import stat
 import textwrap
+import time
 import types
 import warnings
 
 import numba.core.compiler
 import numba.core.serialize
+import numpy as np
 import pytest
 from numba import float64, njit
 from numba.core import event
@@ -47,7 +52,7 @@ def own_folder(tmp_path, monkeypatch):
     monkeypatch.setattr(smc.core.engine, "_made", {})
     monkeypatch.setattr(cache, "_compiled", {})
     monkeypatch.setattr(cache, "_said", set())
-    return tmp_path / "loops"
+    return tmp_path / "loops" / f"loops-{cache._FORMAT}"
 
 
 # ---- the folder ------------------------------------------------------------------------------------------------------
@@ -66,7 +71,7 @@ def test_the_folder_is_private_whatever_the_umask(own_folder):
 @posix
 @pytest.mark.parametrize("mode", [0o770, 0o707, 0o777, 0o720, 0o702])
 def test_a_folder_that_others_may_write_to_is_refused(own_folder, mode):
-    own_folder.mkdir()
+    own_folder.mkdir(parents=True)
     own_folder.chmod(mode)
     with pytest.raises(PermissionError, match="others may write to it"):
         cache_folder()
@@ -82,7 +87,7 @@ def test_a_folder_of_another_user_is_refused(own_folder, monkeypatch):
 
 @posix
 def test_a_run_does_without_a_refused_folder_and_leaves_nothing_in_it(own_folder):
-    own_folder.mkdir()
+    own_folder.mkdir(parents=True)
     own_folder.chmod(0o777)
 
     with warnings.catch_warnings(record=True) as caught:
@@ -101,7 +106,59 @@ def test_the_folder_is_the_users_own_unless_told(tmp_path, monkeypatch):
         return tmp_path / "of the user"
 
     monkeypatch.setattr(cache.platformdirs, "user_cache_path", user_cache_path)
-    assert cache_folder() == tmp_path / "of the user" and asked[0][0] == "smcaero_nb"
+    assert cache_folder().parent == tmp_path / "of the user" and asked[0][0] == "smcaero_nb"
+
+
+@posix
+def test_a_directory_that_was_there_keeps_its_permissions(tmp_path, monkeypatch):
+    monkeypatch.setenv("SMCAERO_CACHE_DIR", str(tmp_path))
+    tmp_path.chmod(0o755)
+    cache_folder()
+    assert stat.S_IMODE(tmp_path.stat().st_mode) == 0o755
+
+
+@posix
+def test_a_folder_that_is_a_link_is_refused(own_folder, tmp_path):
+    (tmp_path / "elsewhere").mkdir(mode=0o700)
+    own_folder.parent.mkdir()
+    own_folder.symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(PermissionError, match="is a link"):
+        cache_folder()
+
+
+@pytest.mark.parametrize("home", [RuntimeError("could not determine the home directory"), "~/.cache/smcaero_nb"])
+def test_without_a_home_directory_a_run_does_without_a_folder(home, tmp_path, monkeypatch):
+    def user_cache_path(*_):
+        if isinstance(home, Exception):
+            raise home
+        return pathlib.Path(home)
+
+    monkeypatch.delenv("SMCAERO_CACHE_DIR")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(cache.platformdirs, "user_cache_path", user_cache_path)
+    monkeypatch.setattr(cache, "_said", set())
+    with pytest.warns(RuntimeWarning, match="no folder for compiled code .*home directory"):
+        assert keep(0.8125) == 0.8125
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_an_ended_process_left_half_written_goes(own_folder):
+    old, new = cache_folder() / "old.part", cache_folder() / "new.part"
+    for path, age in ((old, 2*cache._STALE), (new, 0.5*cache._STALE)):
+        path.write_bytes(b"half")
+        os.utime(path, (time.time() - age,)*2)
+    keep(0.6875)
+    assert not old.exists() and new.exists()
+
+
+def test_a_full_disk_leaves_nothing_behind(own_folder, monkeypatch):
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(cache.os, "replace", full)
+    with pytest.warns(RuntimeWarning, match="compiled code not kept on disk .*No space left"):
+        assert keep(0.5625) == 0.5625
+    assert not list(own_folder.iterdir())
 
 
 def test_a_folder_that_cannot_be_made_is_done_without(tmp_path, monkeypatch):
@@ -407,6 +464,113 @@ def test_a_damaged_file_is_compiled_again_with_a_warning(own_folder, damage):
     assert not recorder.buffer
 
 
+def changed(data, rng):
+    """A file with some kind of damage."""
+    data, i = bytearray(data), rng.randrange(len(data))
+    kind = rng.choice(["bit", "byte", "cut", "hole", "more", "doubled"])
+    if kind == "bit":
+        data[i] ^= 1 << rng.randrange(8)
+    elif kind == "byte":
+        data[i] = (data[i] + rng.randrange(1, 256)) % 256
+    elif kind == "cut":
+        del data[i:]
+    elif kind == "hole":
+        data[i:i + 4096] = bytes(len(data[i:i + 4096]))
+        data[i] ^= 255
+    elif kind == "more":
+        data[i:i] = rng.randbytes(rng.randrange(1, 100))
+    return bytes(data*2 if kind == "doubled" else data)
+
+
+#: Reads as many damaged files of a loop as there are; says u(0) of each, and how many warnings there were.
+DAMAGED = """
+import pathlib, sys, warnings
+sys.path.insert(0, sys.argv[1])
+import mine
+from smcaero_nb import simulate
+from smcaero_nb.core import cache, engine
+
+path, whole = pathlib.Path(sys.argv[2]), None
+warnings.simplefilter("always")
+seen, said = set(), 0
+for damaged in sorted(pathlib.Path(sys.argv[3]).iterdir()):
+    path.write_bytes(damaged.read_bytes())
+    try:
+        cache._unsealed(path)
+    except ValueError:
+        said += 1
+path.write_bytes(damaged.read_bytes())
+engine._made.clear()
+cache._said.clear()
+with warnings.catch_warnings(record=True) as caught:
+    warnings.simplefilter("always")
+    print(simulate(mine.loop).u[0], said, len(caught))
+"""
+
+
+def test_two_hundred_damaged_files_crash_nothing_and_change_no_number(new_python, tmp_path, own_folder):
+    folder = write(tmp_path / "base")
+    new_python(PROGRAM, folder)
+    path, = own_folder.iterdir()
+    whole, rng = path.read_bytes(), random.Random(1)
+    (tmp_path / "damaged").mkdir()
+    for i in range(200):
+        (tmp_path / "damaged" / f"{i}").write_bytes(changed(whole, rng))
+    said = new_python(DAMAGED, folder, path, tmp_path / "damaged").split()
+    assert said == ["2.0", "200", "1"]
+    assert path.read_bytes()[32:36] == whole[32:36]  # mended
+
+
+def test_the_file_of_another_loop_is_not_loaded(own_folder):
+    keep(0.25)
+    first, = own_folder.iterdir()
+    keep(0.125)
+    second, = {*own_folder.iterdir()} - {first}
+    second.write_bytes(first.read_bytes())
+    with pytest.warns(RuntimeWarning, match="is damaged.*; compiling again"):
+        assert keep(0.125) == 0.125
+
+
+@posix
+@pytest.mark.parametrize("how", ["another user's", "others may write", "a link", "a pipe"])
+def test_a_file_that_somebody_else_may_have_put_there_is_not_read(own_folder, monkeypatch, how):
+    assert keep(0.71875) == 0.71875
+    path, = own_folder.iterdir()
+    whole = path.read_bytes()
+    if how == "others may write":
+        path.chmod(0o666)
+    elif how == "a link":
+        path.rename(own_folder.parent / "target")
+        path.symlink_to(own_folder.parent / "target")
+    elif how == "a pipe":
+        path.unlink()
+        os.mkfifo(path)
+    else:
+        fstat = os.fstat
+        monkeypatch.setattr(cache.os, "fstat", lambda fd: os.stat_result(
+            [os.getuid() + 1 if i == stat.ST_UID else v for i, v in enumerate(fstat(fd))]))
+    monkeypatch.setattr(cache.pickle, "loads", lambda _: pytest.fail("it was unpickled"))
+    with pytest.warns(RuntimeWarning, match="compiled code not read from disk .*; compiling again"):
+        assert keep(0.71875) == 0.71875
+    assert not path.is_symlink() and len(path.read_bytes()) > len(whole)//2  # replaced by one of this user
+
+
+def test_an_entry_of_the_old_format_is_never_loaded(own_folder, tmp_path):
+    """They stood in the directory itself, without a checksum, and could hold addresses."""
+    path = cache._Disk("times 0.40625").path
+    sig, seen = (float64,), []
+    f = kept(njit(lambda x: 0.40625*x), "times 0.40625")
+    f._cache.path = lambda *a: seen.append(path(*a)) or seen[0]
+    f.compile(sig)
+    old = own_folder.parent / seen[0].name
+    old.write_bytes(cache.pickle.dumps("planted"))
+    seen[0].unlink()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert keep(0.40625) == 0.40625
+    assert cache.pickle.loads(old.read_bytes()) == "planted" and str(cache._FORMAT) in own_folder.name
+
+
 @pytest.mark.parametrize("missing", ["_rebuild", "_reduce", "dumps", "_cache"])
 def test_without_numbas_internals_it_runs_and_says_so_once(own_folder, monkeypatch, missing):
     if missing == "dumps":
@@ -462,3 +626,95 @@ print([m for m in ("plotly", "ipywidgets", "anywidget", "IPython", "matplotlib",
 """)
     assert said.strip() == "[]"
 
+
+
+# ---- what blocks refer to -------------------------------------------------------------------------------------------
+#: Ways to have a table, all with the same numbers: the code that makes `d` of the contiguous `whole`.
+TABLES = {
+    "contiguous": "d = whole",
+    "a column of a file": "t, d = np.loadtxt([f'0,{q!r}' for q in whole.tolist()], delimiter=',', unpack=True)",
+    "a column": "d = np.column_stack([0*whole, whole])[:, 1]",
+    "backwards": "d = whole[::-1].copy()[::-1]",
+    "every second": "d = np.repeat(whole, 2)[::2]",
+    "a field of records": "d = np.rec.fromarrays([whole.astype('i1'), whole], names='a,d')['d']",
+    "single precision": "d = np.repeat(whole.astype('f4'), 3)[::3]",
+    "whole numbers": "d = np.repeat(whole.astype('i8'), 3)[::3]",
+    "small whole numbers": "d = np.column_stack([whole.astype('u1')]*2)[:, 0]",
+    "two dimensions": "d2 = np.asfortranarray(np.stack([whole]*2)).T; d = d2",
+    "above 1 MB": "d = np.tile(whole, 300)",
+    "above 1 MB, a column": "d = np.column_stack([np.tile(whole, 300)]*2)[:, 1]",
+    "read only": "d = np.broadcast_to(whole, (1, 1000))[0]; d.flags.writeable = False",
+    "in a tuple": "d = (1.0, np.column_stack([whole, whole])[:, 0])",
+    "a default of a helper": "d = np.column_stack([whole, whole])[:, 0]",
+}
+#: How each is read at the row k, where not as d[k].
+READ = {"in a tuple": "d[1][k]", "two dimensions": "d[k, 1]", "a default of a helper": "helper(k)"}
+ALL_TABLES = """
+import json, sys
+import numpy as np
+import smcaero_nb as smc
+
+whole, said = np.floor(100.0 + 100.0*np.sin(np.arange(1000)*0.1)), {}
+@smc.block(state=dict(x=1.0))
+def plant(x, d):
+    return (d - x[0],)
+for what, (make, read) in json.loads(sys.argv[1]).items():
+    names = {"np": np, "smc": smc, "whole": whole}
+    exec(f'''{make}
+def helper(k, q=d):
+    return q[k]
+@smc.block
+def gust(t):
+    k = min(int(t*100.0), 999)
+    return 1.0*{read}''', names)
+    loop = smc.ClosedLoop(plant, perturbation=names["gust"], duration=5.0, dt=1e-2)
+    said[what] = float(smc.simulate(loop).x.x[-1])
+print(json.dumps(said))
+"""
+
+
+def test_a_table_gives_the_same_number_in_five_processes(new_python, own_folder):
+    given = json.dumps({what: (make, READ.get(what, "d[k]")) for what, make in TABLES.items()})
+    said = [json.loads(new_python(ALL_TABLES, given, PYTHONWARNINGS="ignore")) for _ in range(5)]
+    expected = 1.0
+    for k in range(500):
+        expected += 0.01*(math.floor(100.0 + 100.0*math.sin(int(k*0.01*100.0)*0.1)) - expected)
+    assert said[0] == pytest.approx(dict.fromkeys(TABLES, expected), rel=1e-12)
+    assert all(q == said[0] for q in said[1:])
+
+
+def test_a_large_table_is_said_to_cost_a_compilation_in_every_process(own_folder):
+    table = np.arange(200_000.0)
+    law = cell("@block\ndef law(sigma): return sigma + 0.0*table[3]", table=table)["law"]
+    with pytest.warns(RuntimeWarning, match="above 1 MB, .*compiled anew in every process"):
+        simulate(loop_of(law))
+    assert not list(own_folder.glob("*.loop"))
+
+
+STALE = {
+    "a table in a default of a helper": (
+        "import numpy as np\nT = np.zeros(5000); T[2500] = {}\ndef helper(s, q=T): return q[2500]*s"
+        + LAW("helper(sigma)"), 2.0, 3.0),
+    "the names in a named tuple": (
+        "from collections import namedtuple\nK = namedtuple('K', '{}')(2.0, 3.0)" + LAW("K.a*sigma"), "a b", "b a"),
+    "a function of a C library": (
+        "import ctypes, ctypes.util\nf = ctypes.CDLL(ctypes.util.find_library('m')).{}\nf.argtypes = [ctypes.c_double]\n"
+        "f.restype = ctypes.c_double" + LAW("f(sigma)"), "cos", "exp"),
+}
+
+
+@pytest.mark.parametrize("what", STALE)
+def test_what_looks_alike_is_told_apart(what):
+    source, *values = STALE[what]
+    laws = [cell(source.format(v))["law"] for v in values]
+    assert [value(law) for law in laws] == [value(law, False) for law in laws]
+    assert value(laws[0]) != value(laws[1])
+
+
+def test_loops_in_memory_are_bounded(own_folder, monkeypatch):
+    monkeypatch.setattr(smc.core.engine, "LOOPS", 3)
+    monkeypatch.setattr(cache, "_FUNCTIONS", 5)
+    source = "def helper(s): return {}*s" + LAW("helper(sigma)")
+    seen = [simulate(loop_of(cell(source.format(k))["law"])).u[0] for k in (0.75, 0.5, 0.25, 0.125, 0.75)]
+    assert seen == [0.75, 0.5, 0.25, 0.125, 0.75]
+    assert len(smc.core.engine._made) == 3 and len(cache._compiled) <= 5

@@ -272,7 +272,8 @@ def test_what_does_not_fit_an_output_that_asks_for_u_is_named():
                           (dict(plant=pendulum, output=block(lambda u: u)), r"takes one number, but the loop gives it u = \(")):
         with pytest.raises(BlockError, match="^the output asks for u, of which the plant " + said):
             simulate(loop.with_(**changes), 1.0, 0.1)
-    with pytest.raises(BlockError, match=r"^output '<lambda>' fails at t = 0.*IndexError.*It was given u = \(0.0, 0.0\)$"):
+    with pytest.raises(BlockError, match=r"^output '<lambda>' fails at t = 0.*IndexError.*It was given u = \(0.0, 0.0\) "
+                       r"\(a tuple of 2\). u has 2 components, u\[0\] to u\[1\]$"):
         simulate(loop.with_(output=block(lambda u: u[2])), 1.0, 0.1)
 
     @block(state=dict(a=0.0))
@@ -303,7 +304,7 @@ def test_sums_maxima_and_variation_equal_those_of_the_full_record(full):
         size = abs(full.e[i])
         assert full.mean_e[i] == np.cumsum(size[:-1])[-1]/N
         assert full.max_e[i] == size.max()
-        assert full.tail_e[i] == size[first:].max()
+        assert full.tail_peaks.e[i] == size[first:].max()
     assert full.mean_u == np.cumsum(abs(full.u[:-1]))[-1]/N
     for name in ("u", "sigma"):
         size = abs(getattr(full, name))
@@ -357,7 +358,7 @@ def test_the_tail_is_the_fraction_asked_for(full, tail, first):
     run = simulate(relay, 3.0, 1e-3, tau=3e-3, tail=tail)
     assert run.tail == pytest.approx((N - first)*1e-3)
     assert run.tail_sigma == abs(full.sigma[first:]).max()
-    assert run.tail_e[0] == abs(full.e[0][first:]).max()
+    assert run.tail_e == abs(full.e[0][first:]).max()
     assert run.max_e == full.max_e and run.max_sigma == full.max_sigma
 
 
@@ -599,7 +600,7 @@ def finite(run):
             return all(map(of, (vars(v) if isinstance(v, SimpleNamespace) else v).values()))
         return all(map(of, v)) if isinstance(v, tuple) else bool(np.all(np.isfinite(v)))
 
-    unknown = () if run.tail else ("tail_e", "tail_sigma", "tail_u")
+    unknown = () if run.tail else ("tail_e", "tail_sigma", "tail_u", "tail_peaks")
     return of({k: v for k, v in vars(run).items() if k not in ("loop", "diverged_at", *unknown) and v is not None})
 
 
@@ -612,7 +613,7 @@ def test_a_gain_of_the_wrong_sign_is_flagged_at_the_right_step(jit):
     k = math.ceil(math.log(5e11)/math.log(1.02))  # |x| + |e| passes 1e12
     assert run.diverged_at == k*1e-2 and run.steps == k
     assert finite(run) and run.t[-1] < run.diverged_at and abs(run.x.x[-1]) <= 1e12
-    assert run.mean_e[0] == pytest.approx((1.02**k - 1)/0.02/k, rel=1e-9)  # the mean over the valid steps
+    assert run.mean_e == pytest.approx((1.02**k - 1)/0.02/k, rel=1e-9)  # the mean over the valid steps
     assert run.metrics().diverged_at == run.diverged_at and run.metrics().reaching_time == math.inf
 
 
@@ -790,7 +791,7 @@ def test_a_block_that_raises_at_the_start_is_named_with_its_line_and_what_it_was
         simulate(smooth.with_(law=divides), 1.0, 0.1)
     said = str(why.value)
     assert said.startswith(f"law 'divides' fails at t = 0, line {line_of(deeper, '1.0/q')} (return 1.0/q): ZeroDivisionError: ")
-    assert "It was given e = (-0.3, 0.2), sigma = " in said
+    assert "It was given e = (-0.3, 0.2) (a tuple of 2), sigma = " in said
     assert isinstance(why.value.__cause__, ZeroDivisionError)
 
 
@@ -881,25 +882,19 @@ def test_a_trial_of_the_blocks_makes_no_step():
 
 def test_the_plain_run_uses_the_functions_of_the_loop_it_is_given():
     """A breakpoint in a block that was defined anew, without a change, has to be met."""
-    class Watch:
-        calls = 0
-
-        def __call__(self, s):
-            self.calls += 1
-            return s
-
-    def define(watch):
+    def define(seen):
         @block
         def watched(sigma):
-            return watch(sigma)
+            seen.append(sigma)
+            return sigma
         return watched
 
-    watches = Watch(), Watch()
+    watches = [], []
     first, second = map(define, watches)
     assert first.content() == second.content()
     for law in (first, second):
         simulate(relay.with_(law=law), 0.1, 0.01, jit=False)
-    assert watches[0].calls == watches[1].calls > 10
+    assert len(watches[0]) == len(watches[1]) > 10
 
 
 def test_interrupt_of_a_plain_run():
@@ -912,3 +907,110 @@ def test_interrupt_of_a_plain_run():
             simulate(smooth, 1.0, 1e-3, jit=False, progress=press)
     finally:
         signal.signal(signal.SIGINT, before)
+
+
+# ---- the outcome of a call depends on its arguments alone ------------------------------------------------------------
+@block
+def inverse(sigma, k=2.0):
+    return sigma/(k - 1.0)
+
+
+def test_a_value_that_fails_at_the_start_is_refused_whatever_ran_before(own_memory):
+    loop = ClosedLoop(linear, law=inverse, duration=1.0, dt=0.1)
+    refused = loop.with_(law__k=1.0)
+    for first in (lambda: None, lambda: simulate(loop)):
+        first()
+        for jit in (True, False):
+            with pytest.raises(BlockError, match="^law 'inverse' fails at t = 0, line .* ZeroDivisionError"):
+                simulate(refused, jit=jit)
+    simulate(loop)
+
+
+def test_a_sampling_step_or_start_that_fails_is_refused_whatever_ran_before(own_memory):
+    @block(state=dict(w=0.0))
+    def late(sigma, z, tau):
+        return sigma/(tau - 0.2), (math.sqrt(z[0]),)
+
+    loop = ClosedLoop(linear, law=late, duration=1.0, dt=0.1)
+    simulate(loop)
+    for bad, said in ((loop.with_(tau=0.2), "ZeroDivisionError"), (loop.with_(law__w=-1.0), "ValueError")):
+        with pytest.raises(BlockError, match=f"law 'late' fails at t = 0.*{said}"):
+            simulate(bad)
+
+
+def test_the_number_of_inputs_does_not_depend_on_what_ran_before(own_memory):
+    plant = block(state=dict(x=1.0))(lambda u, k=2.0: (u/(k - 1.0),))
+    loop = ClosedLoop(plant, output=block(lambda x, u: x[0]), law=block(lambda sigma: -sigma), duration=1.0, dt=0.1)
+    for first in (lambda: None, lambda: simulate(loop)):
+        first()
+        with pytest.raises(BlockError, match="^plant '<lambda>' works with no number of inputs from 1 to 8"):
+            simulate(loop.with_(plant__k=1.0))
+
+
+# ---- a plant with one state, and shapes that do not fit --------------------------------------------------------------
+SCALAR_LAWS = [smc.smc1.sign_smc, smc.smc1.quasi_smc, smc.smc1.saturation_smc, smc.smc1.tanh_smc, smc.smc2.super_twisting,
+               smc.smc1.dual_layer_smc]
+
+
+@pytest.fixture
+def own_memory(monkeypatch):
+    """No memory of loops that were made."""
+    monkeypatch.setattr(engine, "_made", {})
+
+
+@pytest.mark.parametrize("law", SCALAR_LAWS, ids=lambda b: b.name)
+@pytest.mark.parametrize("jit", [True, False])
+def test_of_a_plant_with_one_state_and_no_output_y_is_a_number(law, jit):
+    run = simulate(ClosedLoop(linear, law=law), 1.0, 0.01, jit=jit)
+    assert isinstance(run.y, np.ndarray) and np.array_equal(run.y, run.x.x) and np.array_equal(run.e, -run.x.x)
+
+
+def test_an_error_of_shape_speaks_of_the_shape_and_the_way_out():
+    two = block(state=dict(a=1.0, b=0.0))(lambda x, u: (x[1], u))
+    pair = r"= \(-?1.0, -?0.0\) \(a tuple of 2\)\. "
+    for law, said in ((lambda sigma: 2.0*(sigma > 0.0), pair + r"sigma\[0\] is the first component of sigma; a stage"),
+                      (lambda e: e[2], pair + r"e has 2 components, e\[0\] to e\[1\]"),
+                      (lambda y: sum(*zip(*y, strict=False)), pair.removesuffix(" "))):
+        with pytest.raises(BlockError, match="^law '<lambda>' fails at t = 0.*" + said):
+            simulate(ClosedLoop(two, law=block(law)), 1.0, 0.1)
+    with pytest.raises(BlockError, match=r"sigma = -1.0 \(a number\)\. A number has no components: write sigma"):
+        simulate(ClosedLoop(linear, law=block(lambda sigma: sigma[0])), 1.0, 0.1)
+
+
+def test_a_state_that_is_a_tuple_is_refused_with_the_way_out():
+    with pytest.raises(BlockError, match=r"state w = \(0.0, 0.0, 0.0\) .*name one for each number, w_0, w_1"):
+        block(state=dict(w=(0.0, 0.0, 0.0)))(lambda x: x)
+
+
+def test_tail_figures_of_run_and_metrics_have_one_shape():
+    motor = smc.applications.dc_motor("super_twisting")
+    for loop in (smc.lv.loop("quasi_smc"), smc.rpl.loop("adaptive_smc"), motor, ClosedLoop(linear)):
+        run = simulate(loop, 2.0, *[] if loop.dt else [1e-2])
+        for name in ("tail_e", "tail_sigma"):
+            assert np.shape(getattr(run, name)) == np.shape(getattr(run.metrics(), name))
+            assert np.all(np.equal(getattr(run, name), getattr(run.metrics(), name)))
+
+
+# ---- chance ----------------------------------------------------------------------------------------------------------
+CHANCE = {
+    "a module": "import numpy as np\ndef law(sigma): return np.random.normal()",
+    "a function": "from numpy.random import normal\ndef law(sigma): return normal()",
+    "python's own": "import random\ndef law(sigma): return random.random()",
+    "python's own function": "from random import uniform\ndef law(sigma): return uniform(0.0, 1.0)",
+    "a helper": "import numpy as np\ndef noise(): return np.random.rand()\ndef law(sigma): return noise()",
+    "a numba helper": ("import numba, numpy as np\n@numba.njit\ndef noise(): return np.random.rand()\n"
+                       "def law(sigma): return noise()"),
+    "a generator": "import numpy as np\nrng = np.random.default_rng(1)\ndef law(sigma): return rng.normal()",
+    "a module of helpers": ("import types, numpy as np\nm = types.ModuleType('m')\nm.f = np.random.rand\n"
+                            "def law(sigma): return m.f()"),
+    "a closure": ("import numpy as np\ndef make(r):\n    def law(sigma): return r.rand()\n    return law\n"
+                  "law = make(np.random)"),
+}
+
+
+@pytest.mark.parametrize("how", CHANCE)
+@pytest.mark.parametrize("jit", [True, False])
+def test_a_block_that_draws_random_numbers_is_refused_with_the_way_out(how, jit):
+    exec(CHANCE[how], names := {"__name__": "__main__"})
+    with pytest.raises(BlockError, match="law 'law' draws random numbers with (numpy.)?random, .*default_rng"):
+        simulate(ClosedLoop(linear, law=block(names["law"])), 1.0, 0.1, jit=jit)

@@ -140,7 +140,7 @@ def _measured(run):
     names, sizes = [], []
     why = "diverged" if run.diverged_at is not None else "" if run.tail else "ended before its second half"
     many = hasattr(run.loop.stages["law"], "parts")
-    tails = run.tail_sigma if many else (run.tail_sigma,)
+    tails = run.tail_peaks.sigma if many else (run.tail_peaks.sigma,)
     lows, highs, peaks = ((q if many else (q,)) for q in (run.low.sigma, run.high.sigma, run.max_sigma))
     for c, ((b, s, v, _), *parts) in enumerate(zip(laws(run), tails, lows, highs, peaks, strict=True)):
         vector = isinstance(v, tuple)

@@ -1,24 +1,33 @@
 """What a function says (not who it is): fingerprints, compiled functions, and a disk cache keyed on them."""
 
 import contextlib
+import enum
 import functools
 import hashlib
 import os
 import pathlib
 import pickle
+import secrets
+import stat
 import sys
 import tempfile
+import time
 import types
 import warnings
 
 import numpy as np
 import platformdirs
 
-__all__ = ["cache_folder", "compiled", "fingerprint", "kept"]
+__all__ = ["cache_folder", "compiled", "draws", "fingerprint", "kept", "remembered"]
 
 _ENGINE = hashlib.sha256(b"".join(f.read_bytes() for f in sorted(pathlib.Path(__file__).parent.glob("*.py")))).hexdigest()
 _LIBRARIES = {"math", "builtins", "numpy", "scipy", "numba"}
+_FORMAT = 2  # of the files on disk, and part of their folder's name: what an older version wrote is never loaded
 _FILES = 500  # compiled loops kept on disk; the oldest go first
+_STALE = 3600.0  # s after which a file that is still being written was left by a process that ended
+_FUNCTIONS = 500  # compiled functions kept in memory
+_PROCESS = secrets.token_hex(8)  # what has an identity, but no text, is the same in this process only
+_PLAIN = (int, float, complex, str, bytes, type(None), type(...), range, slice, enum.Enum, np.generic, np.dtype)
 _compiled = {}
 _said = set()
 
@@ -48,7 +57,7 @@ def _name(v):
 
 def _is_library(v):
     """Whether numba compiles `v` as it stands."""
-    return hasattr(v, "of_signals") or _name(v).lstrip(".").split(".")[0] in _LIBRARIES
+    return hasattr(v, "of_signals") or hasattr(v, "__name__") and _name(v).lstrip(".").split(".")[0] in _LIBRARIES
 
 
 def _content(v, seen, names=(), defaults=True):
@@ -62,7 +71,8 @@ def _content(v, seen, names=(), defaults=True):
             return f"seen {seen[id(v)]}"
         seen[id(v)] = len(seen)
         names, say = _written(v.__code__)
-        say = (say, v.__defaults__, v.__kwdefaults__) if defaults else say
+        given = (v.__defaults__, tuple((v.__kwdefaults__ or {}).items())) if defaults else None
+        say = say, _content(given, seen, names)
         cells = [_content(c.cell_contents, seen, names) for c in v.__closure__ or ()]
         return repr((say, cells, [(n, _content(g, seen, names)) for n, g in _used(v).items()]))
     if isinstance(v, (types.ModuleType, type)):  # cfg.K: every attribute that may be read
@@ -73,10 +83,10 @@ def _content(v, seen, names=(), defaults=True):
     if hasattr(v, "f") and hasattr(v, "values"):  # a block used as a helper: its values are constants
         return repr((v.values, _content(v.f, seen, (), False)))
     if isinstance(v, np.ndarray):
-        return repr((v.dtype, v.shape, v.tobytes()))
+        return repr((type(v), v.dtype, v.shape, hashlib.sha256(v.tobytes()).hexdigest()))
     if isinstance(v, (tuple, list)):
-        return repr([_content(k, seen, names) for k in v])
-    return name if callable(v) else repr(v)
+        return repr((type(v), getattr(v, "_fields", None), [_content(k, seen, names) for k in v]))
+    return repr(v) if isinstance(v, _PLAIN) else f"{name} {_PROCESS} {id(v)}"
 
 
 def fingerprint(f):
@@ -87,12 +97,34 @@ def fingerprint(f):
     return hashlib.sha256(_content(f, {}, defaults=False).encode()).hexdigest()
 
 
+def draws(v, names=(), seen=None):
+    """Return the name of a source of random numbers that a function or what it calls uses, or None."""
+    v = getattr(v, "f", v) if hasattr(v, "values") else getattr(v, "py_func", v)
+    module = isinstance(v, types.ModuleType)
+    where = v.__name__ if module else type(getattr(v, "__self__", v)).__module__
+    if f"{where}.".startswith(("random.", "numpy.random.")):
+        return ".".join(where.split(".")[:1 + where.startswith("numpy.")])
+    seen = set() if seen is None else seen
+    if (id(v), names) in seen:
+        return None
+    seen.add((id(v), names))
+    inner = []
+    if isinstance(v, types.FunctionType):
+        names = _written(v.__code__)[0]
+        inner = [*(c.cell_contents for c in v.__closure__ or ()), *_used(v).values()]
+    elif module and _is_library(v):
+        inner = [v.random] if "random" in names and hasattr(v, "random") else []
+    elif isinstance(v, (types.ModuleType, type)):
+        inner = [getattr(v, n) for n in names if hasattr(v, n)]
+    return next((found for k in inner if (found := draws(k, names, seen))), None)
+
+
 def compiled(f, defaults=None):
     """The numba version of a plain function; the plain helpers and blocks that it calls are compiled with it."""
     from numba import njit
 
     defaults = defaults or f.__defaults__
-    key = fingerprint(f), repr(defaults)
+    key = fingerprint(f), _content(defaults, {})
     if key not in _compiled:
         shadows = {}
 
@@ -107,12 +139,17 @@ def compiled(f, defaults=None):
                     shadows[id(v)] = types.ModuleType(v.__name__)
                     vars(shadows[id(v)]).update({n: inner(getattr(v, n)) for n in reads if hasattr(v, n)})
                 return shadows[id(v)]
+            if isinstance(v, tuple):
+                made = map(inner, v)
+                return type(v)(*made) if hasattr(v, "_fields") else tuple(made)
+            if type(v) is np.ndarray and not v.flags.forc:
+                return np.array(v)  # numba copies into its code only what lies in one piece
             return compiled(v) if isinstance(v, types.FunctionType) else v
 
         reads = {n for c in _codes(f.__code__) for n in c.co_names}
         names = {"__name__": __name__}
         cells = tuple(types.CellType() for _ in f.__closure__ or ())
-        g = types.FunctionType(f.__code__, names, f.__name__, defaults, cells or None)
+        g = types.FunctionType(f.__code__, names, f.__name__, defaults and inner(defaults), cells or None)
         _compiled[key] = njit(nogil=True, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)(g)
         try:
             names.update({n: inner(v) for n, v in _used(f).items()})  # only now: a helper may call itself
@@ -121,23 +158,75 @@ def compiled(f, defaults=None):
         except BaseException:
             del _compiled[key]
             raise
-    return _compiled[key]
+    return remembered(_compiled, key, _FUNCTIONS)
+
+
+def remembered(store, key, most):
+    """Return an entry of a dictionary that keeps the `most` entries used last."""
+    store[key] = value = store.pop(key)
+    while len(store) > most:
+        del store[next(iter(store))]
+    return value
 
 
 def cache_folder():
-    """The folder of compiled loops: the user's own, readable by nobody else; ``SMCAERO_CACHE_DIR`` overrides it.
+    """Return the folder of compiled loops: the user's own, readable by nobody else.
 
-    Compiled code is code: a folder that somebody else owns or may write to is refused with `PermissionError`.
+    It lies in the user's cache directory, or in the directory that ``SMCAERO_CACHE_DIR`` names, which itself
+    stays as it is. Compiled code is code: a folder that is a link, or that somebody else owns or may write to,
+    is refused with `PermissionError`; `OSError` says that there is no place for one.
     """
-    folder = pathlib.Path(os.environ.get("SMCAERO_CACHE_DIR") or platformdirs.user_cache_path("smcaero_nb", False))
+    try:
+        own = os.environ.get("SMCAERO_CACHE_DIR")
+        parent = pathlib.Path(own or platformdirs.user_cache_path("smcaero_nb", False))
+    except RuntimeError as why:  # no home directory
+        raise FileNotFoundError(str(why)) from why
+    if not own and not parent.is_absolute():
+        raise FileNotFoundError("there is no home directory; SMCAERO_CACHE_DIR names another place")
+    folder = parent/f"loops-{_FORMAT}"
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     if hasattr(os, "getuid"):
-        s = folder.stat()
-        if s.st_uid != os.getuid() or s.st_mode & 0o022:
-            raise PermissionError(f"{folder} belongs to another user, or others may write to it")
+        s = folder.lstat()
+        if not stat.S_ISDIR(s.st_mode) or s.st_uid != os.getuid() or s.st_mode & 0o022:
+            raise PermissionError(f"{folder} is a link, belongs to another user, or others may write to it")
         if s.st_mode & 0o077:
             folder.chmod(0o700)
     return folder
+
+
+def _sealed(name, data):
+    """`data` behind a checksum of it and of the name of its file: damage, and another loop's file, are told."""
+    return hashlib.sha256(name.encode() + data).digest() + data
+
+
+def _opened(path, flags):
+    """Open a file that is not a link, and do not wait for what is not a file."""
+    return os.open(path, flags | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0))
+
+
+def _unsealed(path):
+    """Return what `_sealed` was given, from a file that nobody else can have written."""
+    with open(path, "rb", opener=_opened) as f:
+        s = os.fstat(f.fileno())
+        foreign = hasattr(os, "getuid") and (s.st_uid != os.getuid() or s.st_mode & 0o022)
+        if foreign or not stat.S_ISREG(s.st_mode):
+            raise PermissionError(f"{path.name} belongs to another user, or others may write to it")
+        whole = f.read()
+    data = whole[hashlib.sha256().digest_size:]
+    if whole != _sealed(path.name, data):
+        raise ValueError(f"{path.name} is damaged")
+    return data
+
+
+def _swept(folder):
+    """Remove the oldest loops above the number kept, and what processes that ended left half written."""
+    def age(path):
+        return path.stat().st_mtime
+
+    with contextlib.suppress(OSError):  # another process sweeps, too
+        left = [q for q in folder.glob("*.part") if age(q) < time.time() - _STALE]
+        for q in [*left, *sorted(folder.glob("*.loop"), key=age)[:-_FILES]]:
+            q.unlink()
 
 
 def _once(message):
@@ -165,24 +254,31 @@ class _Disk:
 
         try:
             target.refresh()
-            path = self.path(sig, target.codegen())
-            return CompileResult._rebuild(target, *pickle.loads(path.read_bytes())) if path.exists() else None
+            data = _unsealed(self.path(sig, target.codegen()))
+            return CompileResult._rebuild(target, *pickle.loads(data))
+        except FileNotFoundError:
+            return None
         except Exception as why:  # a damaged file, or numba has changed: compile
             _once(f"smcaero_nb: compiled code not read from disk ({type(why).__name__}: {why}); compiling again")
 
     def save_overload(self, sig, result):
         from numba.core.serialize import dumps
 
+        if result.lifted or result.library.has_dynamic_globals:  # it would hold addresses of this process
+            _once("smcaero_nb: a block refers to an array above 1 MB, or to code outside Python; loops with it are "
+                  "compiled anew in every process")
+            return
         try:
             path = self.path(sig, result.codegen)
-            data = dumps(result._reduce())
-            handle, name = tempfile.mkstemp(dir=path.parent)
-            with os.fdopen(handle, "wb") as f:
-                f.write(data)
-            os.replace(name, path)  # whole or not at all, whoever else writes it now
-            with contextlib.suppress(OSError):
-                for q in sorted(path.parent.glob("*.loop"), key=lambda q: q.stat().st_mtime)[:-_FILES]:
-                    q.unlink()
+            handle, name = tempfile.mkstemp(dir=path.parent, suffix=".part")
+            try:
+                with os.fdopen(handle, "wb") as f:
+                    f.write(_sealed(path.name, dumps(result._reduce())))
+                os.replace(name, path)  # whole or not at all, whoever else writes it now
+            except BaseException:
+                os.unlink(name)
+                raise
+            _swept(path.parent)
         except Exception as why:
             _once(f"smcaero_nb: compiled code not kept on disk ({type(why).__name__}: {why}); it will be compiled anew next time")
 

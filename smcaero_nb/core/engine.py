@@ -15,8 +15,8 @@ import types
 import numpy as np
 
 from .block import Block, BlockError, Channels, routed
-from .cache import compiled, kept
-from .metrics import metrics
+from .cache import compiled, draws, kept, remembered
+from .metrics import channel_figures, metrics
 from .param import Param, ParameterError, chosen, positive
 from .signal import flat, leaves, shape, text
 from .theorem import doubts, perturbation
@@ -24,6 +24,7 @@ from .theorem import doubts, perturbation
 __all__ = ["ClosedLoop", "Run", "simulate"]
 
 LIMIT = 1e12  # sum of |x|, or of |u|, beyond which any run has diverged
+LOOPS = 64  # kept in memory; the others come back from disk
 CHUNK = 0.02  # s of machine time between two looks at Ctrl-C, cancel and progress
 
 ASKS = dict(reference=("t",), output=("t", "x", "u", "d"), differentiator=("t", "r", "y", "e"),
@@ -48,6 +49,7 @@ class ClosedLoop:
         ``x' = plant(t, x, u, d)``, integrated with `dt`.
     reference, output, differentiator, surface, law, allocation, actuator, perturbation : Block, Channels or None
         The stages of the pipeline; one left out is the identity (reference and perturbation: zero), free of cost.
+        Without `output`, y is the tuple of the plant's states, or, of a plant with one state, that number.
         A parameter of `output` that the plant has too follows the plant. It may ask for u and d as they act on the plant when
         y is measured: at a sample, u is still that of the sample before (zero before the first), so that no loop is algebraic.
     stop : Block or None
@@ -188,6 +190,11 @@ def _inside(name, s, meta):
     return ([f"{name} >= {low!r}"] if low > -math.inf else []) + ([f"{name} <= {high!r}"] if high < math.inf else [])
 
 
+def _parts(b):
+    """The blocks of a stage: those of channels, or the one."""
+    return list(b.parts.values()) if isinstance(b, Channels) else [b]
+
+
 def inputs(plant):
     """Zero input and zero perturbation of the shapes that a plant block takes: the fewest inputs with which it works."""
     for m in range(1, INPUTS + 1):
@@ -206,16 +213,18 @@ class _Writer:
     """Writes the loop of a `ClosedLoop`, trying each line at t = 0 to learn the shapes of the signals.
 
     Attributes: `source`; `functions`, {name in it: (function, what it is)}; `shapes` of the signals; `columns`, the leaves of
-    a recorded row; `state`, the locals that live from step to step, and `start`, those of them that blocks declare.
+    a recorded row; `state`, the locals that live from step to step, and `start`, those of them that blocks declare;
+    `trial`, what was tried, in its order.
     """
 
     def __init__(self, loop, method, tau):
-        self.stages, self.functions, self.shapes = loop.stages, {}, {}
+        self.stages, self.functions, self.places, self.shapes, self.trial = loop.stages, {}, {}, {}, []
         self.values = {"t": 0.0, "tau": tau, "dt": 0.0, "float": float}
         params = {f"p_{s}_{i}": v for s, p in loop.p.items() for i, v in enumerate(p)}
         self.x, self.z = loop.start()
         self.shapes["x"] = (None,)*len(self.x)
         self.values.update({**params, **self.x, **self.z})
+        self.params = list(params)
 
         asked = getattr(self.stages["output"], "signals", ())
         if "u" in asked:  # before the stages that give it: as few zeros as the plant works with
@@ -266,6 +275,18 @@ class _Writer:
         parts["load"] += [f"{q} = S[{i}]" for i, q in enumerate(self.state)]
         parts["store"] = [f"S[{i}] = {q}" for i, q in enumerate(self.state)]
         self.source = "\n".join(self.filled(line, parts) for line in TEXT.strip().split("\n")) + "\n"
+        self.tried = compile("\n".join(self.trial), "<trial>", "exec")
+
+    def stands(self, loop, tau):
+        """Whether the trial goes well for a loop of the same blocks with other values."""
+        functions = {name: _parts(loop.stages[stage])[i].f for name, (stage, i) in self.places.items()}
+        values = dict(zip(self.params, (v for p in loop.p.values() for v in p), strict=True))
+        x, z = loop.start()
+        try:
+            exec(self.tried, {"t": 0.0, "tau": tau, "dt": 0.0, **functions, **x, **z, **values})
+        except Exception:
+            return False
+        return True
 
     def filled(self, line, parts):
         """A line of the template, with its part filled in at its depth."""
@@ -284,10 +305,12 @@ class _Writer:
         try:
             exec(line, self.values)
         except Exception as why:
-            said = ", ".join(f"{n} = {self.values_of(n)!r}" for n in given if n in self.shapes)
+            shapes = {n: self.values_of(n) for n in given if n in self.shapes}
+            said = ", ".join(f"{n} = {v!r} ({_kind(v)})" for n, v in shapes.items())
             raise BlockError(f"{where} fails at t = 0{_place(why)}: {type(why).__name__}: {why}."
-                             + (f" It was given {said}" if said else "")) from why
+                             + (f" It was given {said}" if said else "") + _way_out(why, shapes)) from why
         self.lines.append(line)
+        self.trial.append(line)
 
     def values_of(self, name):
         """Value of a signal in the trial."""
@@ -311,7 +334,7 @@ class _Writer:
         block, results, p, z = self.stages[stage], [], 0, 0
         memory = ("z", "tau") if stage in GIVES else ()
         many = isinstance(block, Channels)
-        for i, b in enumerate(block.parts.values() if many else (block,)):
+        for i, b in enumerate(_parts(block)):
             where, name = f"{stage} '{b.name}'", re.sub(r"\W", "_", f"{stage}_{b.name}") + f"_{i}"*many
             if wrong := [n for n in b.signals if n not in ASKS[stage] + memory]:
                 raise BlockError(f"{where} asks for {', '.join(wrong)}; it may ask for {', '.join(ASKS[stage] + memory)}")
@@ -330,7 +353,10 @@ class _Writer:
                 raise BlockError(f"{where}: a signal it asks for has no channel {i}: "
                                  + ", ".join(f"{n} = {self.values_of(n)!r}" for n in asked if n in self.shapes)) from None
             args += [f"p_{stage}_{p + j}" for j in range(len(b.params))]
-            self.functions[name], self.values[name] = (b.f, where), b.f
+            if source := draws(b.f):
+                raise BlockError(f"{where} draws random numbers with {source}, which no run repeats; draw them once "
+                                 "(noise = np.random.default_rng(1).standard_normal(1000)) and read noise[...] in the block")
+            self.functions[name], self.places[name], self.values[name] = (b.f, where), (stage, i), b.f
             result = f"out_{stage}" + f"_{i}"*many
             self.write(f"{result} = {name}({', '.join(args)})", where, asked)
             self.check(where, self.values[result], b.states, stage)
@@ -367,7 +393,10 @@ class _Writer:
         """Reference, output and error; before them, where the output asks for it, the perturbation."""
         if early:
             self.stage("perturbation", "d")
-        self.stage("output", "y", "x")
+        if self.stages["output"] or len(self.x) > 1:
+            self.stage("output", "y", "x")
+        else:
+            self.assign("y", "x_0")
         if self.stages["reference"]:
             self.stage("reference", "r")
         else:
@@ -398,6 +427,27 @@ class _Writer:
         for i in n:
             terms = [f"{w!r}*rate_{j}[{i}]" if w != 1.0 else f"rate_{j}[{i}]" for j, (_, w) in enumerate(nodes) if w]
             self.write(f"x_{i} = x_{i} + dt*" + (f"({' + '.join(terms)})" if len(terms) > 1 else terms[0]))
+
+
+def _kind(value):
+    """Shape of a signal, in words."""
+    if not isinstance(value, tuple):
+        return "a number"
+    nested = any(isinstance(v, tuple) for v in value)
+    return f"{len(value)} channels: {', '.join(map(_kind, value))}" if nested else f"a tuple of {len(value)}"
+
+
+def _way_out(why, given):
+    """What to do about an error that comes from the shape of a signal."""
+    said, tuples = str(why), [n for n, v in given.items() if isinstance(v, tuple)]
+    if re.search("unpack|out of range", said) and tuples:
+        return "".join(f". {n} has {len(given[n])} components, {n}[0] to {n}[{len(given[n]) - 1}]" for n in tuples)
+    if "tuple" in said and tuples:
+        return "".join(f". {n}[0] is the first component of {n}; a stage before this one (output, surface) may make one "
+                       "number of all" for n in tuples[:1])
+    if re.search("subscript|iterable|unpack", said) and given:
+        return f". A number has no components: write {next(iter(given))}, without an index"
+    return ""
 
 
 def _place(why):
@@ -441,8 +491,13 @@ _made, _lock = {}, threading.RLock()  # masks simulate in threads
 
 def _made_loop(loop, method, tau, jit):
     """The loop for these blocks, from memory, from disk, or compiled now; and its writer."""
-    key = repr((method, [(s, b and b.content()) for s, b in loop.stages.items()]))
-    if (key, jit) not in _made or not jit:  # plain: these very functions, which a debugger knows
+    asked = "u" in getattr(loop.stages["output"], "signals", ())
+    shapes = shape(inputs(loop.stages["plant"])[0]) if asked else ()
+    key = repr((method, shapes, [(s, b and b.content()) for s, b in loop.stages.items()]))
+    known = jit and (key, jit) in _made
+    if known and not _made[key, jit][1].stands(loop, tau):  # say why, as if it were new
+        _Writer(loop, method, tau)
+    if not known:  # plain: these very functions, which a debugger knows
         writer = _Writer(loop, method, tau)
         names = {n: compiled(f) if jit else f for n, (f, _) in writer.functions.items()}
         names["__name__"] = __name__  # numba asks for it when it loads from disk
@@ -460,7 +515,7 @@ def _made_loop(loop, method, tau, jit):
             except (NumbaError, UnsupportedBytecodeError) as why:
                 raise _uncompilable(writer, why) from why
         _made[key, jit] = f, writer
-    return _made[key, jit]
+    return remembered(_made, (key, jit), LOOPS)
 
 
 # ---- runs --------------------------------------------------------------------------------------------------------
@@ -490,8 +545,13 @@ class Run:
         Running integral of `v` up to the latest sample.
     mean_e, mean_v, mean_u : float or nested tuple
         Means of \|e\|, \|v\|, \|u\| over all steps; mean_v is None where there is no law.
-    max_e, max_sigma, max_u, tail_e, tail_sigma, tail_u : float or nested tuple
-        Greatest absolute values over all steps, and over the tail (the last fifth unless told; NaN if the run ended before it).
+    max_e, max_sigma, max_u : float or nested tuple
+        Greatest absolute values over all steps.
+    tail_e, tail_sigma, tail_u : float or tuple
+        Greatest absolute values over the tail (the last fifth unless told; NaN if the run ended before it), without those of
+        derivatives: a number, or one for each channel, as in `metrics`.
+    tail_peaks : namespace
+        The same of all leaves of `e`, `sigma` and `u`, nested as the signals are.
     variation_u, tail_variation_u : float or nested tuple
         Total variation of `u`, from rest, over the run; and in the tail.
     tail_turns_u : float or nested tuple
@@ -542,9 +602,11 @@ def _result(loop, writer, rec, S, before, k, k_tail, dt, m, stopped, diverged):
     for n in ("e", "u"):
         setattr(run, f"mean_{n}", signal(n, lambda q: now[q]/max(k, 1), "sum_"))
     ended_before = k < k_tail + diverged
-    for n in ("e", "sigma", "u"):
-        setattr(run, f"tail_{n}", signal(n, now.get if not ended_before else lambda q: math.nan, "max_"))
+    tails = {n: signal(n, now.get if not ended_before else lambda q: math.nan, "max_") for n in ("e", "sigma", "u")}
+    run.tail_peaks = types.SimpleNamespace(**tails)
+    for n in tails:
         setattr(run, f"max_{n}", signal(n, lambda q: max(now[q], before[q]), "max_"))
+    run.tail_e, run.tail_sigma, run.tail_u = channel_figures(run, *tails.values())
     run.mean_v = run.integral_v = None
     if loop.stages["law"]:
         run.mean_v = signal("v", lambda q: now[q]/max(k//m + 1, 1), "sum_")

@@ -7,7 +7,7 @@ import numpy as np
 
 from .signal import flat, shape
 
-__all__ = ["Metrics", "metrics", "reaching_time"]
+__all__ = ["Metrics", "channel_figures", "metrics", "reaching_time"]
 
 
 def heads(s, many=False):
@@ -68,8 +68,9 @@ class Metrics:
 
 
 def _many(run):
-    """Whether the loop has channels: then e is nested, and a flat sigma holds one value a channel, no derivatives."""
-    return isinstance(run.e, tuple) and any(isinstance(v, tuple) for v in run.e)
+    """Whether the items of sigma are channels, not derivatives: where e has channels, or the law gives one v for each."""
+    nested = isinstance(run.e, tuple) and any(isinstance(v, tuple) for v in run.e)
+    return nested or run.loop.stages["law"] is not None and isinstance(run.v, tuple)
 
 
 def reaching_time(run, band=None):
@@ -89,7 +90,8 @@ def reaching_time(run, band=None):
     """
     times = []
     many = _many(run)
-    for low, high, tail in zip(heads(run.low.sigma, many), heads(run.high.sigma, many), heads(run.tail_sigma, many), strict=True):
+    tails = run.tail_sigma if isinstance(run.tail_sigma, tuple) else (run.tail_sigma,)
+    for low, high, tail in zip(heads(run.low.sigma, many), heads(run.high.sigma, many), tails, strict=True):
         outside = np.flatnonzero(np.maximum(np.abs(low), np.abs(high)) > (2*tail if band is None else band))
         last = outside[-1] if len(outside) else -1
         never = run.diverged_at is not None or last == len(run.t) - 1
@@ -98,13 +100,20 @@ def reaching_time(run, band=None):
     return times
 
 
+def _one(values):
+    """A figure, or a tuple of them, one a channel."""
+    return values[0] if len(values) == 1 else tuple(values)
+
+
+def channel_figures(run, e, sigma, u):
+    """Figures of the leaves of e, sigma and u as figures of their channels: those of derivatives are left out."""
+    return _one(heads(e)), _one(heads(sigma, _many(run))), _one(flat(u))
+
+
 def metrics(run):
     """Figures of merit of the run, as `Metrics`."""
-    def one(values):
-        return values[0] if len(values) == 1 else tuple(values)
-
     tail = run.tail or math.nan
-    return Metrics(J_e=one(heads(run.mean_e)), J_u=one(flat(run.mean_u)), max_u=one(flat(run.max_u)),
-                   tail_e=one(heads(run.tail_e)), tail_sigma=one(heads(run.tail_sigma, _many(run))),
-                   reaching_time=one(reaching_time(run)), variation_u=one([v/tail for v in flat(run.tail_variation_u)]),
-                   turns_u=one([v/tail for v in flat(run.tail_turns_u)]), diverged_at=run.diverged_at)
+    return Metrics(J_e=_one(heads(run.mean_e)), J_u=_one(flat(run.mean_u)), max_u=_one(flat(run.max_u)),
+                   tail_e=run.tail_e, tail_sigma=run.tail_sigma, reaching_time=_one(reaching_time(run)),
+                   variation_u=_one([v/tail for v in flat(run.tail_variation_u)]),
+                   turns_u=_one([v/tail for v in flat(run.tail_turns_u)]), diverged_at=run.diverged_at)
