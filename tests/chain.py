@@ -48,13 +48,13 @@ def sigma_of(run):
 
 def tail(run):
     """sum |sigma^(i)|^(1/(r - i)) over the tail: r = 2 where the surface gives the derivative too, else r = 1."""
-    s = run.tail_sigma
+    s = run.tail_peaks.sigma
     return math.inf if run.diverged_at else math.sqrt(s[0]) + s[1] if isinstance(s, tuple) else s
 
 
 def slope(law, steps, starts=(1.0, -0.5, 0.3), **xi):
     """Slope of the greatest |sigma| of the tail over the step, both logarithmic."""
-    tails = [max(np.ravel(simulate(loop(law, s, **xi), 100.0, h).tail_sigma)[0] for s in starts) for h in steps]
+    tails = [max(np.ravel(simulate(loop(law, s, **xi), 100.0, h).tail_peaks.sigma)[0] for s in starts) for h in steps]
     return np.polyfit(np.log(steps), np.log(tails), 1)[0]
 
 

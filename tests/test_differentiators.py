@@ -613,7 +613,7 @@ def test_observer_of_the_motor():
     run = simulate(loop)
     k, J, R = (loop.stages["plant"].values[n] for n in ("k", "J", "R"))
     xi, late = run.d/J + k*k/(J*R)*run.x.omega, run.t > 0.4
-    assert run.tail_e[0] < 1e-3
+    assert run.tail_e < 1e-3
     assert np.ptp(xi[late]) > 400.0
     assert np.abs(run.z.allocation.xi - xi)[late].max() < 45.0
 

@@ -84,7 +84,7 @@ def test_super_twisting_takes_a_perturbation_of_any_size_and_twisting_one_within
     ramp = dict(a=40.0, w=0.02)  # 40 sin(0.02 t): |xi'| <= 0.8
     assert simulate(loop(super_twisting, **ramp), 80.0, 1e-3).tail_sigma < 1e-4
     wide, narrow = (simulate(loop(twisting.with_(v_M=m), **ramp), 80.0, 1e-3, record=4000) for m in (50.0, 3.0))
-    assert wide.tail_sigma[0] < 1e-4 and narrow.tail_sigma[0] > 10.0
+    assert wide.tail_sigma < 1e-4 and narrow.tail_sigma > 10.0
     assert abs(narrow.v).max() <= 3.0 + 1e-3*(2.4 + 1.2)
 
 
@@ -99,7 +99,7 @@ def test_adaptive_twisting_as_studied(gamma, sigma, peak):
     law = adaptive_twisting.with_(gamma=gamma, mu=1e-3, c=0.1)
     run = simulate(loop(law, **TWO), 40.0, 1e-4, record=4000)
     alpha, late = run.z.law.alpha_1, run.t > 32.0
-    assert 0.5*sigma < run.tail_sigma[0] < 1.3*sigma
+    assert 0.5*sigma < run.tail_sigma < 1.3*sigma
     assert 0.8*peak < alpha.max() < 1.2*peak and alpha[late].max() < 0.5*peak
     assert alpha.min() > 0.1 - 1.001e-4*gamma  # below the least gain it grows again
     assert np.all(abs(run.v[late] - run.d[late]) < 1.0)

@@ -176,7 +176,7 @@ def perturbed_chain(law, r, raised=False):
 
     Examples
     --------
-    >>> simulate(perturbed_chain(smc.hosmc.quasi_continuous(3), 3)).tail_e[0] < 1e-6
+    >>> simulate(perturbed_chain(smc.hosmc.quasi_continuous(3), 3)).tail_e < 1e-6
     True
     """
     if law.r not in (None, r + raised):

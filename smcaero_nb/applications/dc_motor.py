@@ -328,7 +328,7 @@ def dc_motor(law="super_twisting", output="angle"):
 
     Examples
     --------
-    >>> simulate(dc_motor("super_twisting")).tail_e[0] < 1e-4
+    >>> simulate(dc_motor("super_twisting")).tail_e < 1e-4
     True
     """
     chosen("dc_motor", "output", output, DC_MOTOR)

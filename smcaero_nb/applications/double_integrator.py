@@ -147,7 +147,7 @@ def double_integrator(law="super_twisting"):
 
     Examples
     --------
-    >>> simulate(double_integrator("quasi_continuous")).tail_e[0] < 1e-4
+    >>> simulate(double_integrator("quasi_continuous")).tail_e < 1e-4
     True
     """
     stages = fitted("double_integrator", law, DOUBLE_INTEGRATOR, _surface, None)

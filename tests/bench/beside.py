@@ -95,8 +95,8 @@ def columns(run):
 
 def figures(run):
     """The sums and maxima of a run, in the order of the C that `compare_loop` calls, less the turns of u."""
-    return [q*w for s, w in ((run.mean_e, run.steps), (run.mean_u, run.steps), (run.tail_e, 1), (run.tail_sigma, 1),
-                             (run.tail_u, 1), (run.variation_u, 1), (run.mean_v, run.steps + 1)) for q in leaves(s)]
+    return [q*w for s, w in ((run.mean_e, run.steps), (run.mean_u, run.steps), (run.tail_peaks.e, 1), (run.tail_peaks.sigma, 1),
+                             (run.tail_peaks.u, 1), (run.variation_u, 1), (run.mean_v, run.steps + 1)) for q in leaves(s)]
 
 
 def apart(run, rec, figures, sums):

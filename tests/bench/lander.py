@@ -36,7 +36,7 @@ def in_c(loop):
 def figures(run):
     """The sums and maxima of a run, in the order of the C, less the turns of u."""
     samples = math.floor(run.steps*run.loop.dt/run.loop.tau + 1e-9) + 1
-    return [q*w for s, w in ((run.mean_e, run.steps), (run.tail_e, 1), (run.mean_u, run.steps), (run.variation_u, 1),
+    return [q*w for s, w in ((run.mean_e, run.steps), (run.tail_peaks.e, 1), (run.mean_u, run.steps), (run.variation_u, 1),
                              (run.mean_v, samples), (run.max_sigma, 1), (run.max_u, 1)) for q in beside.leaves(s)]
 
 
