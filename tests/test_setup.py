@@ -16,16 +16,26 @@ from packaging.utils import canonicalize_name
 ROOT = Path(__file__).parents[1]
 PINS = dict(line.split("==") for line in (ROOT / "constraints.txt").read_text().splitlines() if "==" in line)
 PINS = {canonicalize_name(name): version for name, version in PINS.items()}
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+ASKED = [
+    Requirement(need)
+    for needs in (PROJECT["dependencies"], *PROJECT["optional-dependencies"].values())
+    for need in needs
+]
 needs_make = pytest.mark.skipif(not shutil.which("make"), reason="no make here")
+either_environment = pytest.mark.parametrize(
+    "goal, venv, versions",
+    [("test", ".venv", "constraints.txt"), ("test-oldest", ".venv-oldest", "tests/floors.py")],
+)
 
 
 @pytest.fixture
 def kit(tmp_path):
     """A copy of the files that the set-up reads, in a folder with a space in its name."""
     folder = tmp_path / "a kit"
-    folder.mkdir()
-    for name in "Makefile", "pyproject.toml", "constraints.txt":
-        shutil.copy(ROOT / name, folder)
+    (folder / "tests").mkdir(parents=True)
+    for name in "Makefile", "pyproject.toml", "constraints.txt", "tests/floors.py":
+        shutil.copy(ROOT / name, folder / name)
     return folder
 
 
@@ -42,12 +52,12 @@ def fake_python(path, change):
     return path
 
 
-def ready(folder, made_in=None):
+def ready(folder, made_in=None, venv=".venv"):
     """Pretend that the set-up was done, in this folder unless told."""
-    bin = folder / ".venv/bin"
+    bin = folder / venv / "bin"
     bin.mkdir(parents=True)
     (bin / "python").symlink_to(sys.executable)
-    (folder / ".venv/.ready").write_text(f"{(made_in or folder).resolve()}\npython3\n")
+    (folder / venv / ".ready").write_text(f"{(made_in or folder).resolve()}\npython3\n")
 
 
 @needs_make
@@ -82,28 +92,54 @@ def test_no_python_at_all_gets_one_sentence(kit, tmp_path):
 
 
 @needs_make
-def test_a_failed_install_says_so_and_does_not_count_as_done(kit):
-    done = make(kit, "test", PYTHON=sys.executable, PIP_NO_INDEX="1", PIP_FIND_LINKS="", PIP_CONFIG_FILE=os.devnull)
+@either_environment
+def test_a_failed_install_says_so_and_does_not_count_as_done(kit, goal, venv, versions):
+    no_packages = {"PIP_NO_INDEX": "1", "PIP_FIND_LINKS": "", "PIP_CONFIG_FILE": os.devnull}
+    done = make(kit, goal, PYTHON=sys.executable, **no_packages)
     assert done.returncode != 0
-    assert done.stdout.splitlines()[0].startswith("Setting up .venv with Python 3.")
+    assert done.stdout.splitlines()[0].startswith(f"Setting up {venv} with Python 3.")
     assert "could not be installed" in done.stdout.splitlines()[-1]
     assert "Traceback" not in done.stdout + done.stderr
-    assert not (kit / ".venv/.ready").exists()
+    assert (kit / venv).exists() and not (kit / venv / ".ready").exists()
 
 
 @needs_make
-def test_set_up_is_done_once_and_again_when_something_changed(kit):
+@either_environment
+def test_set_up_is_done_once_and_again_when_something_changed(kit, goal, venv, versions):
+    ready(kit, venv=venv)
+    assert "Setting up" not in (out := make(kit, "-n", goal).stdout) and "Updating" not in out
+    assert f"{venv}/bin/python -m pytest" in out
+    assert f"Setting up {venv} " in make(kit, "-n", goal, f"PYTHON={sys.executable}").stdout
+    for changed in "pyproject.toml", versions:
+        os.utime(kit / changed, (2**32 - 1,) * 2)
+        assert f"Updating {venv} " in make(kit, "-n", goal).stdout
+        os.utime(kit / changed, (0, 0))
+
+
+@needs_make
+@either_environment
+def test_a_folder_that_was_moved_is_set_up_anew(kit, goal, venv, versions):
+    ready(kit, made_in=kit.parent, venv=venv)
+    assert f"Setting up {venv} " in make(kit, "-n", goal).stdout
+
+
+@needs_make
+def test_the_two_environments_leave_each_other_alone(kit):
     ready(kit)
-    assert "Setting up" not in (out := make(kit, "-n", "test").stdout) and "Updating" not in out
-    assert "Setting up" in make(kit, "-n", "test", f"PYTHON={sys.executable}").stdout
-    os.utime(kit / "constraints.txt", (2**32 - 1,) * 2)
-    assert "Updating .venv" in make(kit, "-n", "test").stdout
+    oldest = make(kit, "-n", "test-oldest").stdout
+    assert "Setting up .venv-oldest " in oldest and ".venv/" not in oldest
+    ready(kit, venv=".venv-oldest")
+    assert ".venv-oldest" not in make(kit, "-n", "test").stdout
 
 
 @needs_make
-def test_a_folder_that_was_moved_is_set_up_anew(kit):
-    ready(kit, made_in=kit.parent)
-    assert "Setting up" in make(kit, "-n", "test").stdout
+def test_clean_removes_what_was_set_up(kit):
+    for venv in ".venv", ".venv-oldest":
+        ready(kit, venv=venv)
+    assert make(kit, "clean").returncode == 0
+    assert sorted(path.name for path in kit.iterdir()) == [
+        "Makefile", "constraints.txt", "pyproject.toml", "tests"
+    ]
 
 
 @needs_make
@@ -127,10 +163,28 @@ def test_exact_versions_hold_nothing_else():
         assert re.fullmatch(r"[A-Za-z0-9._-]+==[0-9][0-9A-Za-z.]*", line)
 
 
+def test_all_that_is_asked_for_has_a_floor_and_nothing_else():
+    for need in ASKED:
+        assert re.fullmatch(r">=\d+\.\d+(\.\d+)?", str(need.specifier)), need
+        assert not need.marker and not need.extras, need
+
+
+def test_the_oldest_environment_is_held_at_the_floors():
+    command = [sys.executable, ROOT / "tests/floors.py"]
+    printed = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    pins = dict(line.split("==") for line in printed.splitlines())
+    assert pins == {need.name: str(need.specifier).removeprefix(">=") for need in ASKED}
+
+
+@needs_make
+def test_the_oldest_environment_is_installed_with_these_pins(kit):
+    out = make(kit, "-n", "test-oldest").stdout
+    install = re.search(r"-m pip install .*?-c (\S+)", out, re.S)
+    assert f"tests/floors.py >{install[1]}\n" in out
+
+
 def test_exact_versions_suit_what_is_asked_for():
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    asked = sum(project["optional-dependencies"].values(), project["dependencies"])
-    for need in map(Requirement, asked):
+    for need in ASKED:
         assert need.specifier.contains(PINS[canonicalize_name(need.name)]), need
 
 
