@@ -148,3 +148,25 @@ def test_remarks_errors_and_files_show_texts_as_typed(shown):
     wait(".smcaero-own option", column)
     wait(".smcaero-choice option", f"{name}.csv")
     wait(".smcaero-download", f"Download {name}, estimates.csv")
+
+
+FAILING = """const made = globalThis.Function;
+globalThis.loads = 0;
+globalThis.Function = new Proxy(made, { construct(target, given) {
+  if (given[0] === 'module' && given[2] === 'define' && ++globalThis.loads === 1)
+    throw new Error('the first load fails');
+  return new target(...given);
+} })"""
+
+
+def test_plotly_is_loaded_again_where_that_failed(notebook):
+    trial = "import smcaero_nb as smc\nsmc.ui.live(smc.differentiators.trial())"
+    nb = notebook(trial, script=FAILING)
+    assert nb.run() == []
+    nb.page.wait_for_function("() => globalThis.loads === 1")
+    nb.page.wait_for_timeout(1000)
+    assert nb.page.locator(".js-plotly-plot").count() == 0
+    for _ in range(2):  # the cell is run again
+        assert nb.run() == []
+        nb.page.wait_for_selector(".js-plotly-plot .js-line")
+    assert nb.page.evaluate("() => globalThis.loads") == 2  # and what was loaded is kept
