@@ -22,7 +22,8 @@ class Param:
     Parameters
     ----------
     symbol : str
-        LaTeX symbol, without dollars; empty: the name in the code.
+        LaTeX symbol, without dollars, of letters, accents, roman type and indices; any other text is
+        shown as it stands; empty: the name in the code.
     unit : str
         Unit as text, ``"1"`` if dimensionless; ``"[sigma]"`` stands for the unit of a signal.
     low, high : float

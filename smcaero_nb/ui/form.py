@@ -94,6 +94,11 @@ def _step(span):
     return power*next(m for m in (1, 2, 5, 10) if m*power >= 0.999*span/200)
 
 
+def _place(name):
+    """Name of a control as a class of the page, which has no blanks."""
+    return "-".join(name.split())
+
+
 def _written(value):
     """A number as the entry shows it; of a list, the choice."""
     return value if isinstance(value, str) else re.sub(r"e([+-])0*", lambda m: "e" + m[1].strip("+"), f"{value:.6g}")
@@ -126,7 +131,7 @@ class _Row:
             self.entry.observe(lambda change: asked(name, self.typed(change.new)), "value")
             self.box = W.HBox([self.widget, self.entry], layout=shared["layout"])
         self.widget.observe(lambda change: self.moved(change.new) and asked(name, self.slid(change.new)), "value")
-        for mark in ("row", f"set-{name}"):
+        for mark in ("row", f"set-{_place(name)}"):
             self.box.add_class(f"smcaero-{mark}")
 
     def place(self, v):
@@ -373,8 +378,9 @@ class Mask(W.VBox):
         shared = dict(layout=W.Layout(), slider=W.FloatSlider.style.klass(), text=W.Text.style.klass())
         grid = (self._tau or target.tau or target.dt) if isinstance(target, ClosedLoop) else None
         rows = {n: _Row(n, *known[n], self._asked, shared, grid) for n in names}
-        said = {n: (f"{n.replace('__', ' ')} {known[n][0].unit}".removesuffix(" 1"), known[n][0].log) for n in names}
-        self.page.tell(said)
+        units = {n: f" {q[0].unit}"*(q[0].unit != "1") for n, q in known.items()}
+        self.page.tell({_place(n): (n.replace("__", " ") + units[n], known[n][0].log)
+                        for n in names})
         groups = [(title, b, [rows[n].box for n in group if n in rows], folded and include is None)
                   for title, b, group, folded in _groups(target)]
         return rows, [_Fold(*group, shared) for group in groups if group[2]]

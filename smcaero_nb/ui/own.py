@@ -1,6 +1,5 @@
 """What a person brings and takes away: files of numbers, transfer functions, results."""
 
-import html
 import inspect
 import io
 import math
@@ -13,7 +12,7 @@ import traitlets
 
 from ..core import ParameterError, Table
 from .form import Page
-from .words import said_html, why_not
+from .words import said_html, unmarked, why_not
 
 __all__ = ["Download", "TransferFunction", "Upload", "transfer_function", "upload"]
 
@@ -69,7 +68,7 @@ class Own(W.VBox):
     @property
     def status(self):
         """What the message says."""
-        return html.unescape(re.sub("<.*?>", "", self._message.value))
+        return unmarked(self._message.value)
 
     def _offer(self, make):
         """Offer what `make` returns, (name, block, what to say), or say why not."""

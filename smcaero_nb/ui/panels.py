@@ -1,6 +1,5 @@
 """Pictures of runs: which curves, in which panels, drawn how."""
 
-import html
 import math
 from dataclasses import replace
 from itertools import zip_longest
@@ -12,7 +11,7 @@ import plotly.graph_objects as go
 from ..core import Param
 from ..core.signal import flat
 from ..core.theorem import degree, laws
-from .words import UNKNOWN, measure, said_html, shown, symbol, unit_html
+from .words import UNKNOWN, measure, plain, said_html, shown, symbol, unit_html
 
 __all__ = ["Curve", "comparison_html", "draw", "metrics_html", "panels", "structure", "verdict_html"]
 
@@ -25,7 +24,7 @@ PHASE = "phase portrait"  # the row whose abscissa is sigma, not time
 ROW, TALL, GAP, TOP, BOTTOM = 112, 260, 28, 30, 44  # px; the phase portrait is a tall row
 APART = 0.16  # of the width, between columns
 LAYOUT = dict(autosize=True, margin=dict(l=72, r=14, t=TOP, b=BOTTOM), template="plotly_white", font=dict(size=12, color="#222"),
-              hovermode="x", hoversubplots="axis", uirevision="kept")
+              hovermode="x", hoversubplots="axis", hoverlabel_namelength=-1, uirevision="kept")
 X_AXIS = dict(visible=True, showspikes=True, spikethickness=1, spikecolor="#999")
 Y_AXIS = dict(visible=True, nticks=5, exponentformat="e", zerolinecolor="#ccc", title_standoff=6)
 LEGEND = dict(orientation="h", xanchor="right", yanchor="bottom", font_size=11, bgcolor="rgba(0,0,0,0)")
@@ -47,8 +46,8 @@ class Curve(NamedTuple):
     @property
     def label(self):
         """Symbol."""
-        name = self.key.partition("[")[0].rpartition(".")[2]
-        return symbol(self.meta.symbol or NAMED.get(name, name)).removesuffix("(0)")  # of a law's state: not at the start
+        meta = _named(self.meta, self.key.partition("[")[0])
+        return symbol(meta.symbol).removesuffix("(0)")  # of a law's state: not at the start
 
     @property
     def unit(self):
@@ -59,6 +58,11 @@ class Curve(NamedTuple):
     def abscissa(self):
         """Title of the axis below."""
         return symbol(self.across.symbol) + unit_html(shown(self.across)[1])
+
+
+def _named(meta, name):
+    """Metadata with a symbol: that of the name if it has none."""
+    return replace(meta, symbol=meta.symbol or NAMED.get(name, name))
 
 
 def _channels(signal, meta, many):
@@ -145,7 +149,7 @@ def panels(run, states=(), phase=False):
         meta = replace(stages["allocation"].states["xi"], symbol=r"\hat\xi")
         add("allocation.xi", "perturbation", 0, meta, run.z.allocation.xi)
     for n in states:
-        meta = stages["plant"].states[n]
+        meta = _named(stages["plant"].states[n], n)
         add(f"x.{n}", "control" if meta.unit == controls[0][1].unit else f"states [{meta.unit}]", 0, meta, getattr(run.x, n))
     if stages["surface"] or not followed:
         s = [_channels(q, about["sigma"], many) for q in (run.sigma, run.low.sigma, run.high.sigma)]
@@ -160,7 +164,8 @@ def panels(run, states=(), phase=False):
                 curves.append(Curve(f"band{f'[{c}]'*many}", "sliding variable", c, Param(r"\delta", "[sigma]"), x, y, True))
             for n, meta in b.states.items():
                 if not meta.hidden:
-                    add(f"law.{n}", LAW, c, meta, getattr(getattr(run.z.law, name) if name else run.z.law, n))
+                    z = getattr(run.z.law, name) if name else run.z.law
+                    add(f"law.{n}", LAW, c, _named(meta, n), getattr(z, n))
     for c, (name, x, y) in enumerate(_portraits(run) if phase else ()):
         curves.append(Curve(f"phase{name}", PHASE, min(c, len(outputs) - 1), Param(), _single(x), _single(y),
                             across=Param(r"\sigma")))
@@ -243,13 +248,14 @@ def _traces(curves, place, several, first):
         colour = COLOURS[(run if several else rank) % len(COLOURS)]
         line = dict(color="#444", dash="dot") if c.reference else dict(color=colour, dash=DASHES[rank % len(DASHES)])
         line |= dict(width=1.0, shape="hv") if c.held else dict(width=1.5)
-        label = name if several and not rank else c.label + c.unit*mixed
+        label = plain(name) if several and not rank else c.label + c.unit*mixed
         if c.reference:
             label = c.label if c.key.startswith(("xi", "band")) else "reference"
         tell = first or rank > 0 or c.reference if several else len(curves) > 1
         traces.append(go.Scatter(x=c.x, y=c.y, mode="lines", name=label, meta=c.key, line=line, **place,
                                  legendgroup=name if several and not c.reference else None, showlegend=tell and label not in told,
-                                 hovertemplate=f"{c.label} %{{y:.4g}}{c.unit}<extra>{name}</extra>"))
+                                 hovertemplate=f"{c.label} %{{y:.4g}}{c.unit}"
+                                               f"<extra>{plain(name)}</extra>"))
         told.add(label)
     return traces
 
@@ -296,7 +302,8 @@ def metrics_html(run):
     if run.loop.stages["law"]:
         said["reaching time"] = measure(m.reaching_time, 1.0, "s")
     said["chattering"] = f"{_measure(m.variation_u, u, _per_second)}, {measure(m.turns_u, 1.0, 'reversals/s')}"
-    spans = "".join(f"<span>{n} <b>{v}</b></span>" for n, v in said.items() if UNKNOWN not in v)
+    spans = "".join(f"<span>{n} <b>{v}</b></span>" for n, v in said.items()
+                    if not v.startswith(UNKNOWN))
     return f'<div class="smcaero-metrics">{spans}</div>'
 
 
@@ -312,6 +319,7 @@ def comparison_html(runs):
         values = (measure(m.reaching_time, 1.0, "s"), measure(m.tail_sigma, 1.0, (sigma or Param()).unit),
                   measure(tuple(flat(run.mean_v if run.mean_v is not None else math.nan)), 1.0, v.unit),
                   measure(m.variation_u, factor, f"{unit}/s"), measure(m.turns_u, 1.0, "1/s"), *[verdict_html(run)]*judged)
-        rows += f'<tr><th scope="row">{html.escape(name)}</th>' + "".join(f"<td>{q}</td>" for q in values) + "</tr>"
+        cells = "".join(f"<td>{q}</td>" for q in values)
+        rows += f'<tr><th scope="row">{plain(name)}</th>{cells}</tr>'
     cells = "".join(f'<th scope="col">{q}</th>' for q in ("law", *head))
     return f'<table class="smcaero-table"><thead><tr>{cells}</tr></thead><tbody>{rows}</tbody></table>'

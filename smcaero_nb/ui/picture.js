@@ -8,11 +8,16 @@ const load = async model => {
 };
 const numbers = view => new Float32Array(view.buffer.slice(view.byteOffset, view.byteOffset + view.byteLength));
 
+const loaded = model => globalThis.smcaeroPlotly ??= load(model).catch(error => {
+  globalThis.smcaeroPlotly = undefined;  // the next picture tries again
+  throw error;
+});
+
 async function render({ model, el }) {
   const box = document.createElement("div");
   el.classList.add("smcaero-picture");
   el.appendChild(box);
-  const plotly = await (globalThis.smcaeroPlotly ??= load(model)), curves = await beside(model, "curves");
+  const plotly = await loaded(model), curves = await beside(model, "curves");
 
   // One message may change all three; they are drawn when it has been read.
   let asked = false;

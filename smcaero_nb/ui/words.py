@@ -1,61 +1,160 @@
-"""What a person reads: symbols, units, docstrings, messages, as HTML."""
+"""What a person reads: symbols, units, docstrings, messages, as HTML.
+
+Every text from outside enters HTML through `plain`; where MathJax reads it, by `_unmathed` first.
+"""
 
 import html
 import inspect
+import itertools
 import math
 import re
-import unicodedata
 
 from ..core import BlockError, ParameterError
 from ..core.signal import flat
 
-__all__ = ["UNKNOWN", "doc_html", "label", "measure", "result_html", "said_html", "shown", "symbol", "unit_html", "why_diverged",
-           "why_not"]
+__all__ = ["UNKNOWN", "doc_html", "label", "measure", "plain", "result_html", "said_html", "shown",
+           "symbol", "unit_html", "unmarked", "why_diverged", "why_not"]
 
-SPELT = {"varepsilon": "EPSILON", "varphi": "PHI", "vartheta": "THETA", "lambda": "LAMDA", "lam": "LAMDA"}
-OTHER = {"int": "∫", "infty": "∞", "partial": "∂", "nabla": "∇", "ell": "ℓ", "cdot": "·"}
-ACCENTS = {"dot": "\u0307", "ddot": "\u0308", "bar": "\u0304", "hat": "\u0302", "tilde": "\u0303"}
+LETTERS = dict(zip(
+    "alpha beta gamma delta epsilon varepsilon zeta eta theta vartheta iota kappa lambda mu nu xi "
+    "omicron pi rho sigma tau upsilon phi varphi chi psi omega Gamma Delta Theta Lambda Xi Pi "
+    "Sigma Upsilon Phi Psi Omega int infty partial nabla ell cdot".split(),
+    "αβγδεεζηθθικλμνξοπρστυφφχψωΓΔΘΛΞΠΣΥΦΨΩ∫∞∂∇ℓ·", strict=True))
+SIGNS = {rf"\{n}": c for n, c in LETTERS.items()} | {rf"\{c}": "\u2009" for c in ",;:! "}
+SIGNS |= {r"\_": "_", r"\%": "%", r"\#": "#", r"\&": "&amp;"}
+ACCENTS = {r"\dot": "\u0307", r"\ddot": "\u0308", r"\bar": "\u0304", r"\hat": "\u0302",
+           r"\tilde": "\u0303"}
+FONTS = (r"\mathrm", r"\mathbf")
+TAGS = {"_": "sub", "^": "sup"}
+TOKEN = re.compile(r"(\\text\{[A-Za-z\d .,-]*\})|(\\[A-Za-z]+)\s*|(\\.|'+|.)", re.S)
+GLYPH = re.compile(r"[^\W_]|[ ()\[\]|+\-=/.,:;!?*@]")
+WORD = re.compile("[A-Za-z]{2}[A-Za-z_ ]*")
+LONGEST = 99  # characters of a symbol; what is longer is prose
 UNKNOWN = "\u2013"
-POWER = r"\^(-?\d+(?:/\d+)?)"
+POWER = r"\^(-?\d+(?:/\d+)?|n)"
+UNIT = re.compile(rf"(?!.*{POWER}\^)(?:[^\W_]|[ /*().,+\-\[\]·°]|{POWER})*+")  # what MathJax takes
 DEGREES = {"rad": "deg", "rad/s": "deg/s", "rad/s^2": "deg/s^2"}
+MATHS = re.compile(r"^\.\. math::(.*(?:\n(?:[ \t]+\S.*|[ \t]*(?=\n)))*)|:math:`([^`]*)`", re.M)
+# an error to MathJax, or something that reaches beyond its equation
+NO_EQUATION = re.compile(
+    r"[$#%]|\\(?:href|style|class|cssId|data|unicode|require|def|let|(?:re)?newcommand)\b")
 
 
-def _letter(name):
-    """The character that a LaTeX name stands for, or the name itself."""
-    case = "CAPITAL" if name[0].isupper() else "SMALL"
-    try:
-        return OTHER.get(name) or unicodedata.lookup(f"GREEK {case} LETTER {SPELT.get(name, name.upper())}")
-    except KeyError:
-        return name
+def plain(text):
+    """A text for HTML between tags and for plotly: no tag in it, no equation, no placeholder."""
+    return html.escape(text, quote=False).replace("$", "&#36;").replace("%{", "&#37;{")
+
+
+def unmarked(said):
+    """The text that HTML shows."""
+    return html.unescape(re.sub("<.*?>", "", said))
+
+
+def _unmathed(text):
+    """A text in which MathJax finds no equation."""
+    return re.sub(r"[\\$]", r"\\\g<0>", text)
 
 
 def symbol(latex):
-    """A LaTeX symbol as text with <sub> and <sup>, for axes, where no MathJax is at hand."""
-    s = re.sub(r"\\(dot|ddot|bar|hat|tilde)\s*(?:{(.*?)}|(\\[A-Za-z]+|\w))", lambda m: (m[2] or m[3]) + ACCENTS[m[1]], latex)
-    s = re.sub(r"\\(?:mathrm|text|mathbf)\b", "", s)
-    s = re.sub(r"\\([A-Za-z]+)\s*", lambda m: _letter(m[1]), s)
-    s = re.sub(r"\\[,;! ]", "\u2009", s)
-    for mark, tag in (("_", "sub"), ("^", "sup")):
-        s = re.sub(rf"\{mark}(?:{{(.*?)}}|(.))", lambda m, tag=tag: f"<{tag}>{m[1] or m[2]}</{tag}>", s)
-    return s.replace("{", "").replace("}", "")
+    """A LaTeX symbol as text with <sub> and <sup>, for axes, where there is no MathJax.
+
+    What is not LaTeX of letters, accents, roman type and indices is shown as it stands.
+    """
+    return _read(latex) or plain(latex)
+
+
+def _read(latex):
+    """HTML of a symbol in LaTeX that MathJax takes as well; empty for words and all else."""
+    tokens = ["".join(q) for q in reversed(TOKEN.findall(latex))]
+    if len(latex) > LONGEST or WORD.fullmatch(latex):
+        return ""
+    try:
+        said = _row(tokens)
+    except (IndexError, KeyError):  # it ends too soon, or is of no such LaTeX
+        return ""
+    return "" if tokens else said.strip()
+
+
+def _row(tokens):
+    """HTML up to the next closing brace or the end; the last of `tokens` comes first."""
+    said, marked = "", set()  # which indices the last letter has: LaTeX allows one of each
+    while tokens and tokens[-1] != "}":
+        token = tokens.pop()
+        mark = "^" if token[0] == "'" else token
+        if mark in marked:
+            raise KeyError(token)
+        if mark in TAGS:
+            marked.add(mark)
+            part = token if token != mark else f"<{TAGS[mark]}>{_argument(tokens)}</{TAGS[mark]}>"
+        else:
+            part = _atom(token, tokens)
+            marked = marked if part.isspace() else set()
+        said += part
+    return said
+
+
+def _atom(token, tokens):
+    """A letter, a group, or either with an accent or in another font."""
+    if token == "{":
+        tokens.append(token)
+    elif token not in ACCENTS and token not in FONTS:
+        return _glyph(token)
+    said = _argument(tokens)
+    if token in ACCENTS:
+        if not said[0].isalpha():
+            raise KeyError(token)
+        said = said[0] + ACCENTS[token] + said[1:]
+    return said
+
+
+def _argument(tokens):
+    """A letter, or a group in braces."""
+    token = tokens.pop()
+    while token.isspace():
+        token = tokens.pop()
+    if token != "{":
+        if (said := _glyph(token)).isspace():
+            raise KeyError(token)
+        return said
+    said = _row(tokens)
+    tokens.pop()  # the brace that closes
+    return said
+
+
+def _glyph(token):
+    """The characters that a token stands for."""
+    if token.startswith(r"\text{"):
+        return token[6:-1]
+    return token if GLYPH.fullmatch(token) else SIGNS[token]
 
 
 def _bracketed(unit):
-    said = re.sub(r"\[(\w+)\]", lambda m: f"[{_letter(m[1])}]", unit)
+    said = re.sub(r"\[(\w+)\]", lambda m: f"[{(LETTERS | {'lam': 'λ'}).get(m[1], m[1])}]", unit)
     return said if "[" in said else f"[{said}]"
+
+
+def _raised(unit):
+    """A unit with its powers as HTML; what is no unit, as it stands."""
+    if not UNIT.fullmatch(unit):
+        return plain(unit)
+    return re.sub(POWER, lambda m: f"<sup>{m[1]}</sup>".replace("-", "\u2212"), unit)
 
 
 def unit_html(unit):
     """A unit in brackets, with a space before it; nothing if there is none."""
-    return "" if unit == "1" else " " + re.sub(POWER, r"<sup>\1</sup>", _bracketed(unit)).replace("-", "\u2212")
+    return "" if unit == "1" else " " + _raised(_bracketed(unit))
 
 
 def label(name, meta):
-    """Label of a control, for MathJax: symbol (a word stays a word) and unit."""
-    said = meta.symbol or name
-    said = said if re.fullmatch("[A-Za-z]{2}[A-Za-z_ ]*", said) else f"${said}$"
-    unit = re.sub(POWER, r"^{\1}", _bracketed(meta.unit)).replace(" ", r"\,")
-    return said if meta.unit == "1" else rf"{said} $\mathrm{{{unit}}}$"
+    """Label of a control, for MathJax: symbol and unit; as text what it would stumble over."""
+    said, unit = meta.symbol or name, _bracketed(meta.unit)
+    said = f"${said}$" if _read(said) else _unmathed(said)
+    if meta.unit == "1":
+        return said
+    if not UNIT.fullmatch(unit):
+        return f"{said} {_unmathed(unit)}"
+    unit = re.sub(POWER, r"^{\1}", unit).replace(" ", r"\,")
+    return rf"{said} $\mathrm{{{unit}}}$"
 
 
 def shown(meta):
@@ -69,12 +168,12 @@ def measure(values, factor, unit):
     if not all(map(math.isfinite, values)):
         return UNKNOWN
     said = ", ".join(f"{v*factor:.0f}" if 1e3 <= abs(v*factor) < 1e5 else f"{v*factor:.3g}" for v in values)
-    return said if unit == "1" else said + " " + re.sub(POWER, r"<sup>\1</sup>", unit)
+    return said if unit == "1" else f"{said} {_raised(unit)}"
 
 
 def said_html(text, refused):
     """A message, as a refusal or as a remark."""
-    return text and f'<span class="smcaero-{"bad" if refused else "good"}">{html.escape(text, quote=False)}</span>'
+    return text and f'<span class="smcaero-{"bad" if refused else "good"}">{plain(text)}</span>'
 
 
 def why_not(error):
@@ -85,8 +184,9 @@ def why_not(error):
 def result_html(result):
     """What a result says of itself, as HTML; a picture says nothing."""
     said = "" if type(result).__str__ is object.__str__ or hasattr(result, "to_plotly_json") else str(result)
-    said = re.sub(r"\b([a-z])_(\d+)", r"\1<sub>\2</sub>", html.escape(said, quote=False))
-    said = re.sub(r"\^\((\d+)\)", lambda m: f"<sup>({m[1]})</sup>" if int(m[1]) > 2 else "'"*int(m[1]), said)
+    said = re.sub(r"\b([a-z])_(\d+)", r"\1<sub>\2</sub>", plain(said))
+    few = {"0": "", "1": "'", "2": "''"}
+    said = re.sub(r"\^\((\d+)\)", lambda m: few.get(m[1], f"<sup>({m[1]})</sup>"), said)
     return f'<div class="smcaero-result">{said}</div>' if said else ""
 
 
@@ -96,25 +196,41 @@ def doc_html(doc):
     said = _prose(intro)
     for title, body in zip(sections[::2], sections[1::2], strict=True):
         if title == "Examples":
-            said += f"<b>{title}</b><pre>{html.escape(body)}</pre>"
+            said += f"<b>{title}</b><pre>{plain(body)}</pre>"
         elif title not in ("Parameters", "Returns", "Raises", "Attributes", "Yields", "See Also"):
             said += f"<b>{title}</b>{_prose(body)}"
     return said
 
 
 def _prose(text):
-    """Paragraphs, equations, inline mathematics and code of reStructuredText."""
-    def equation(m):
-        tex = re.sub(r"\n\s*\n", "\n", m[1]).strip()
-        return f"\n\n$$\\begin{{aligned}}{tex}\\end{{aligned}}$$\n\n"
+    """Paragraphs, equations, mathematics and code of reStructuredText; a dollar is a dollar."""
+    parts = MATHS.split(text)
+    said = _worded(parts[0])
+    for display, inline, words in zip(parts[1::3], parts[2::3], parts[3::3], strict=True):
+        tex = _equation(inline or display or "", inline is None)
+        said += (f"\n\n{tex}\n\n" if inline is None else tex) + _worded(words)
+    return "".join(f"<p>{p}</p>" for p in re.split(r"\n\s*\n", said.strip()))
 
-    text = html.escape(text, quote=False)
-    text = re.sub(r"^\.\. math::(.*(?:\n(?:[ \t]+\S.*|[ \t]*(?=\n)))*)", equation, text, flags=re.M)
-    text = re.sub(r":math:`([^`]*)`", r"$\1$", text)
-    parts = re.split(r"(\$\$.*?\$\$|\$.*?\$)", text, flags=re.S)
-    parts[::2] = [re.sub(r"``?([^`]+)``?", r"<code>\1</code>", re.sub(r"\*\*([^*]+)\*\*", r"<b>\1</b>", p)).replace(
-        r"\|", "|") for p in parts[::2]]
-    return "".join(f"<p>{p}</p>" for p in re.split(r"\n\s*\n", "".join(parts).strip()))
+
+def _equation(tex, display):
+    """Mathematics for MathJax, or as code if it would stumble over it."""
+    tex = re.sub(r"\n\s*\n", "\n", tex).strip()
+    bare = re.sub(r"\\[^A-Za-z]", "", tex)  # without braces and marks that are only shown
+    depths = list(itertools.accumulate((q == "{") - (q == "}") for q in bare)) or [0]
+    torn = min(depths) < 0 or depths[-1] or bare.endswith("\\")
+    if torn or NO_EQUATION.search(bare) or "&" in bare and not (display or r"\begin" in bare):
+        return f"<code>{plain(tex)}</code>"
+    said = html.escape(tex, quote=False)
+    return rf"$$\begin{{aligned}}{said}\end{{aligned}}$$" if display else f"${said}$"*(said != "")
+
+
+def _worded(text):
+    """Words, code and what is bold."""
+    parts = re.split(r"``?([^`]+)``?", text)
+    parts[::2] = [plain(_unmathed(p.replace(r"\|", "|"))) for p in parts[::2]]
+    parts[::2] = [re.sub(r"\*\*([^*]+)\*\*", r"<b>\1</b>", p) for p in parts[::2]]
+    parts[1::2] = [f"<code>{plain(p)}</code>" for p in parts[1::2]]
+    return "".join(parts)
 
 
 def why_diverged(run):
@@ -128,7 +244,8 @@ def why_diverged(run):
     for name, values, meta in signals:
         bound = meta.high if values[-1] > 0 else -meta.low
         if 0 < bound < math.inf:
-            name, (factor, unit) = re.sub("<.*?>", "", symbol(meta.symbol or name)), shown(meta)
-            used[abs(values[-1])/bound] = f"{name} left its limit of {bound*factor:.3g} {unit}".removesuffix(" 1")
+            name, (factor, unit) = unmarked(symbol(meta.symbol or name)), shown(meta)
+            limit = f"{bound*factor:.3g}" + f" {unit}"*(unit != "1")
+            used[abs(values[-1])/bound] = f"{name} left its limit of {limit}"
     said = used[max(used)] if used and max(used) > 0.1 else "a state is no longer finite"
     return f"diverged at {run.diverged_at:.4g} s: {said}"
