@@ -114,7 +114,7 @@ def agree(p, page):
     """Mask, loop, picture and page say the same."""
     m, values = p.mask, {n: v for n, (_, v, _) in p.loop.settable().items()}
     assert m.values == {n: values[n] for n in m.widgets} and p.loop is m.offered[m.choice.value]
-    assert set(m.widgets) == set(values) and list(m._body.children) == m._forms[m.choice.value][2]
+    assert set(m.widgets) == set(values) and list(m._body.children) == m._forms[m.choice.value][-1]
     for n, w in m.widgets.items():
         assert not w._property_lock
         assert float(m.entries[n].value) == pytest.approx(values[n], rel=1e-5), n
@@ -155,7 +155,7 @@ ACTIONS = {
 
 
 def interrupt(p, page, times, seed, actions=tuple(ACTIONS)):
-    """Press Ctrl-C at random moments of each action in turn; then all agrees, and the plot lives."""
+    """Press Ctrl-C at random moments of each action in turn; then all agrees, the plot lives."""
     rng, moments, pressed, p.page = random.Random(seed), {}, 0, page
     for k in range(times):
         act, v = actions[k % len(actions)], round(rng.uniform(1.0, 6.0), 1)

@@ -327,7 +327,7 @@ class Mask(W.VBox):
         return {n: now[n][1] for n in self.widgets}
 
     def set(self, **values):
-        """Set several values at once, with one notification.
+        """Set several values at once, with one notification; with none if they are set already.
 
         Raises
         ------
