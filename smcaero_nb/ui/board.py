@@ -2,21 +2,23 @@
 
 import math
 import warnings
+from typing import NamedTuple
 
 import ipywidgets as W
 import plotly.graph_objects as go
 import traitlets
 
-from ..core import ClosedLoop, simulate
+from ..core import Block, ClosedLoop, simulate
 from ..core.param import unknown
 from .charts import figure
 from .form import Mask
+from .given import names, offered, seconds
 from .job import Job
 from .own import Download
 from .panels import draw, metrics_html, panels, structure, verdict_html
 from .picture import Picture
 from .words import result_html, why_diverged, why_not
-from .worker import Dropped
+from .worker import Dropped, interrupted
 
 __all__ = ["Live", "live"]
 
@@ -33,6 +35,17 @@ def rows(loop, duration=None, dt=None, tau=None):
     """How many rows of a run to record."""
     samples = (duration or loop.duration or 0.0)/(tau or loop.tau or dt or loop.dt or math.inf)
     return round(samples) if ROWS < samples <= SAMPLES else ROWS
+
+
+class _Drawn(NamedTuple):
+    """What a live plot shows: of which loop, the result, its curves or a drawing, and texts."""
+
+    choice: str
+    run: object
+    curves: list
+    drawing: tuple
+    said: str
+    file: str
 
 
 class Live(W.Box):
@@ -61,10 +74,13 @@ class Live(W.Box):
     run = traitlets.Any()
 
     def __init__(self, loops, duration, dt, tau, states, phase, include):
-        self.times = dict(duration=duration, dt=dt, tau=tau)
-        self.mask, self._picture, self._shown = Mask(loops, include, tau), Picture(), (states, phase)
-        self.curves = {}
-        self.status, self._drawn = "", None  # _drawn: which of the loops the curves are of
+        self.times = seconds("live", duration=duration, dt=dt, tau=tau)
+        loops = offered("live", loops, Block, ClosedLoop)
+        states = names("live", "states", states) or ()
+        self.mask, self._picture, self._look = Mask(loops, include, tau), Picture(), (states, phase)
+        self.curves, self._drawn, self._shown = {}, None, None
+        self.status, self._told = "", ("", False)
+        self._answered = None  # the setting that _told is about
         for loop in self.mask.offered.values():
             for n in states if isinstance(loop, ClosedLoop) else ():
                 if n not in loop.stages["plant"].states:
@@ -98,24 +114,37 @@ class Live(W.Box):
         ------
         ParameterError
             An unknown name, or a value that its metadata does not allow; nothing has changed then.
+
+        Notes
+        -----
+        An observer of `run` may set values too. The plot waits for its observers, so this does not
+        wait there: the curves follow when the observer is done.
         """
+        before = self.loop
         self.mask.set(**values)
+        if self.loop is before and not self.job.here:  # perhaps cancelled before
+            self._ask(again=True)
         self.wait()
 
     def wait(self):
         """Wait until the newest setting has been simulated and drawn; Ctrl-C cancels that."""
+        self.mask.mend()
+        self._ask()
         self.job.wait()
 
     def cancel(self):
         """Stop the run at work; the curves stay those of the last good setting."""
         self.job.cancel()
 
-    def _ask(self, _=None, patience=PATIENCE):
+    def _ask(self, _=None, patience=PATIENCE, again=False):
         """Run the loop as set; wait a moment for it, so that a moved slider never queues, then let it go on by itself."""
-        if not self.job.ask((self.mask.choice.value, self.loop), patience):
-            with self.job.worker.lock:
-                if not self.job.worker.idle.is_set() and self.job.worker.fraction is None:
-                    self._say(COMPILING if isinstance(self.loop, ClosedLoop) else COMPUTING)
+        setting, asked = (self.mask.chosen, self.loop), self.job.worker.asked
+        if asked and not again and asked[0][0] == setting[0] and asked[0][1] is setting[1]:
+            return
+        if not self.job.ask(setting, patience) and self.job.worker.fraction is None:
+            self._say(COMPILING if isinstance(self.loop, ClosedLoop) else COMPUTING)
+            if self._answered is setting:  # just now
+                self._say(*self._told)
 
     def _work(self, asked, progress):
         """Simulate or call, and draw, or say why not; what no theorem covers is drawn, and said to be so."""
@@ -127,6 +156,8 @@ class Live(W.Box):
                 self._say("")
 
         try:
+            self._draw()  # what Ctrl-C left half drawn
+            progress()
             if isinstance(loop, ClosedLoop):
                 record = rows(loop, **self.times)
                 text, refused = self._simulated(choice, simulate(loop, **self.times, record=record, progress=watched))
@@ -134,19 +165,21 @@ class Live(W.Box):
                 text, refused = self._called(choice, loop)
         except Dropped as why:
             text = f"Cancelled; {KEPT}." if why.args == ("cancelled",) else ""
-        except (Exception, SystemExit) as why:  # a block may raise anything: a person reads it, and the page goes on
+        except BaseException as why:  # a block may raise anything: it is said, and the page goes on
+            if interrupted(why):
+                raise
             text = f"{why_not(why)}; {KEPT}." if self.run else f"{why_not(why)}."
+        self._told, self._answered = (text, refused), asked
         self._say(text, refused)
 
     def _simulated(self, choice, run):
         """Draw a run; what to say of it, and whether it is refused."""
         good = run.diverged_at is None
-        drawn = good or choice != self._drawn and len(run.t) > 0
+        drawn = good or choice != (self._drawn and self._drawn.choice) and len(run.t) > 0
         if drawn:
-            self._drawn, self._metrics.value = choice, verdict_html(run) + metrics_html(run)
-            self._show(panels(run, *self._shown))
-            self._download.show("")
-            self.run = run
+            said = verdict_html(run) + metrics_html(run)
+            self._drawn = _Drawn(choice, run, panels(run, *self._look), (), said, "")
+            self._draw()
         if not good:
             said = "the curves end there" if drawn else KEPT
             return why_diverged(run) + (f"; {said}." if self.run else "."), True
@@ -157,20 +190,29 @@ class Live(W.Box):
         with warnings.catch_warnings(record=True) as remarks:
             warnings.simplefilter("always")
             result = block()
-        drawn = figure(result)
-        self._drawn, self.curves, self._metrics.value = choice, {}, result_html(result)
-        self.run = result
-        self._download.show(hasattr(result, "to_csv") and f"{(choice or block.name).removesuffix('.csv')}, estimates.csv")
-        self._picture.show(*drawn)
+        name = (choice or block.name).removesuffix(".csv")
+        file = f"{name}, estimates.csv" if hasattr(result, "to_csv") else ""
+        self._drawn = _Drawn(choice, result, [], figure(result), result_html(result), file)
+        self._draw()
         return " ".join(dict.fromkeys(f"{q.message}." for q in remarks)), False
 
-    def _show(self, curves):
-        """Draw the curves; only their numbers travel if the panels stay."""
-        if structure(curves) == structure(self.curves.values()):
-            self._picture.move([c.x for c in curves], [c.y for c in curves])
-        else:
-            self._picture.show(*draw({"": curves}))
-        self.curves = {c.key: c for c in curves}
+    def _draw(self):
+        """Show what is to be drawn, unless it is shown already; to do so twice does no harm."""
+        new = self._drawn
+        if self._shown is not new:
+            before, self._shown = self._shown, None
+            if not new.curves:
+                self._picture.show(*new.drawing)
+            elif before and structure(new.curves) == structure(before.curves):
+                # only the numbers travel
+                self._picture.move([c.x for c in new.curves], [c.y for c in new.curves])
+            else:
+                self._picture.show(*draw({"": new.curves}))
+            self.curves, self._metrics.value = {c.key: c for c in new.curves}, new.said
+            self._download.show(new.file)
+            self._shown = new
+        if new:
+            self.run = new.run
 
     def _say(self, text, refused=False):
         if text or self.status:  # the mask takes a message away with every change, so the same one is said anew
@@ -203,13 +245,15 @@ def live(loop, duration=None, dt=None, tau=None, states=(), phase=False, include
     Raises
     ------
     ParameterError
-        `states` or `include` names something that does not exist.
+        `loop` is something else, such as a function that makes a loop but was not called, or offers
+        nothing, or under a name that is not a text; `states` or `include` is no sequence of names,
+        or names something that does not exist; a time is not a finite number.
 
     Notes
     -----
     A run of up to 0.15 s is drawn before the control that asked for it returns. A longer one goes on by itself, with a
     progress bar and a button that cancels it; a newer setting takes its place. In a program, `Live.set` waits for the
-    curves.
+    curves. Where no thread can start, as in a browser's Python, the control waits for every run.
 
     Examples
     --------

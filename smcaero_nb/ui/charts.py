@@ -6,8 +6,10 @@ import numpy as np
 import plotly.graph_objects as go
 
 from ..core import Accuracy, Run
+from ..core.param import unknown
 from ..differentiators import Trial
 from ..prd import PRDResult, PRDSweep, Probe, VectorPRD
+from .given import names as checked
 from .panels import BOTTOM, COLOURS, GAP, LAYOUT, LEGEND, SYMBOLS, TOP, X_AXIS, Y_AXIS, draw, panels
 
 __all__ = ["figure", "plot"]
@@ -37,12 +39,20 @@ def plot(result, states=(), phase=False):
     Raises
     ------
     TypeError
-        Something else.
+        Something else, or runs under names that are no texts.
+    ParameterError
+        `states` is not a sequence of names, or names a state that the plant of a run does not have.
 
     Examples
     --------
     >>> plot({law: smc.simulate(smc.lv.loop(law)) for law in ("pd", "quasi_smc")}, states=("beta",))
     """
+    states = checked("plot", "states", states) or ()
+    for run in result.values() if isinstance(result, dict) else [result]:
+        plant = run.loop.stages["plant"] if isinstance(run, Run) else None
+        for n in states if plant else ():
+            if n not in plant.states:
+                raise unknown(f"plot: the plant {plant.name}", n, plant.states)
     return go.Figure(*figure(result, states, phase))
 
 
@@ -51,7 +61,8 @@ def figure(result, states=(), phase=False):
     if isinstance(result, Run):
         result = {"": result}
     match result:
-        case dict() if all(isinstance(run, Run) for run in result.values()):
+        case dict() if result and all(isinstance(n, str) and isinstance(run, Run)
+                                      for n, run in result.items()):
             return draw({name: panels(run, states, phase) for name, run in result.items()})
         case Accuracy():
             names = [f"|{n.replace('sigma', 'σ')}|" for n in result.names]

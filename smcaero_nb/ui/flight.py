@@ -138,15 +138,19 @@ class Flight(W.VBox):
             self.slider.value = change.new*STEP
 
     def _moved(self, change):
-        self._play.value = round(change.new/STEP)
-        self._draw()
+        try:
+            self._play.value = round(change.new/STEP)
+            self._draw()
+        except BaseException:  # Ctrl-C: the moment is drawn whole
+            self._draw()
+            raise
 
     def _take(self, run):
         """Show a run, if it is one of a lander."""
         if isinstance(run, Run) and len(run.t) and {"theta", "altitude", "velocity"} <= set(vars(run.x)):
             with self._lock:
-                first, self.run = self.run is None, run
-                if first:
+                self.run = run
+                if not self._picture.curves.drawing:
                     self._picture.show(*drawing(run, self.t))
                 self._play.max = max(math.ceil(run.t[-1]/STEP - 1e-9), 1)
                 self.slider.max = self._play.max*STEP

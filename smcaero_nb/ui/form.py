@@ -1,12 +1,12 @@
 """Masks: the form of a block or closed loop, made from the metadata of its parameters."""
 
+import functools
 import math
 import pathlib
 import re
 import threading
 import warnings
-from contextlib import contextmanager
-from typing import get_args
+from typing import NamedTuple, get_args
 
 import anywidget
 import ipywidgets as W
@@ -15,7 +15,9 @@ import traitlets
 from ..core import Block, ClosedLoop, ParameterError
 from ..core.block import Channels
 from ..core.param import unknown
-from .words import doc_html, label, said_html
+from .given import names, offered
+from .words import doc_html, label, said_html, why_not
+from .worker import RAISED
 
 __all__ = ["Mask", "mask"]
 
@@ -110,6 +112,9 @@ class _Row:
     def __init__(self, name, meta, value, kind, asked, shared, grid):
         say = dict(description=label(name, meta), tooltip=meta.help)
         self.meta, self.kind, self.entry, self.told = meta, kind, None, []
+        self.value, self.refused = value, False
+        self._placed = self._written = None  # where a program has put slider and entry
+        self._ask = functools.partial(asked, name)
         if kind is bool:
             self.widget = self.box = W.Checkbox(value, indent=False, layout=shared["layout"], **say)
         elif get_args(kind):
@@ -128,11 +133,19 @@ class _Row:
             else:
                 self.widget = W.FloatSlider(low, min=low, max=high, step=step, **say)
             self.entry = W.Text(continuous_update=False, tooltip=meta.help, layout=shared["layout"], style=shared["text"])
-            self.entry.observe(lambda change: asked(name, self.typed(change.new)), "value")
+            self.entry.observe(self._entered, "value")
             self.box = W.HBox([self.widget, self.entry], layout=shared["layout"])
-        self.widget.observe(lambda change: self.moved(change.new) and asked(name, self.slid(change.new)), "value")
+        self.widget.observe(self._slid, "value")
         for mark in ("row", f"set-{_place(name)}"):
             self.box.add_class(f"smcaero-{mark}")
+
+    def _entered(self, change):
+        if change.new != self._written:
+            self._ask(self.typed(change.new))
+
+    def _slid(self, change):
+        if change.new != self._placed and self.moved(change.new):
+            self._ask(self.slid(change.new))
 
     def place(self, v):
         """Where `v` is on the slider, in steps."""
@@ -168,31 +181,59 @@ class _Row:
         except ValueError:
             return text.strip()
 
-    def show(self, value):
-        """Show a value; what was typed stays as it is if it says the same, and the slider is at the next of its steps."""
+    def show(self, value, pull=False):
+        """Show a value in the entry, unless what was typed says the same, and by the slider's step.
+
+        A handle that is being dragged stays where the hand is, unless it is to be pulled back.
+        """
         self.mark(False)
         self.value = value
         if self.entry is None:
-            self.widget.value = value
+            self._placed = self.widget.value = value
             return
-        if self.typed(self.entry.value) != value:
-            self.entry.value = _written(value)
-        if self.from_page():
-            return  # the handle is where the hand is; an answer would pull it back
+        same = self.typed(self.entry.value) == value
+        self._written = self.entry.value if same else _written(value)
+        self.entry.value = self._written
+        if self.from_page() and not pull:
+            self._placed = self.widget.value
+            return  # an answer would pull it back
         if self.told[-1:] != [self.place(value)]:
             self.told = [*self.told[-30:], self.place(value)]
         self.put(value)
 
-    def put(self, value):
-        """Put the slider on the next of its steps, so that the page has little to answer."""
+    def at(self, value):
+        """The slider's value for `value`: the next of its steps."""
         w, place = self.widget, self.place(value)*self.widget.step
         if w.min < place < w.max:
             place = float(f"{w.min + w.step*round((place - w.min)/w.step):.12g}")
         place = min(max(place, w.min), w.max)
-        w.value = 10.0**place if isinstance(w, W.FloatLogSlider) else self.kind(place)
+        return 10.0**place if isinstance(w, W.FloatLogSlider) else self.kind(place)
+
+    def put(self, value):
+        """Put the slider on the next of its steps, so that the page has little to answer."""
+        self._placed = self.at(value)
+        self.widget.value = self._placed
+
+    def true(self):
+        """Whether it shows its value, as far as steps go, or what was refused."""
+        if self.refused or self.entry is None:
+            return self.refused or self.widget.value == self.value
+        near = abs(self.place(self.widget.value) - self.place(self.at(self.value))) < 0.75
+        text = self.entry.value
+        return near and (text == _written(self.value) or self.typed(text) == self.value)
+
+    def mend(self, value, page):
+        """Show `value` where Ctrl-C left something else; to the page too if it may not know."""
+        if self.value != value or not self.true():
+            self.show(value, pull=True)
+        for w in filter(None, (self.widget, self.entry)) if page else ():
+            w.send_state("value")
 
     def mark(self, refused):
-        """Mark the entry as refused, or not."""
+        """Mark the entry as refused, or not; what is refused may be asked for again."""
+        self.refused = refused
+        if refused:
+            self._placed = self._written = None
         (self.box.add_class if refused else self.box.remove_class)("smcaero-refused")
 
 
@@ -223,6 +264,20 @@ class _Fold(W.VBox):
         self.children = [self.children[0], *[self.doc]*self.helper.value, *[self.body]*self.opener.value]
 
 
+class _State(NamedTuple):
+    """Of a mask: the name of the chosen loop, the loops as set, and as they were given."""
+
+    chosen: str
+    offered: dict
+    given: dict
+
+    target = property(lambda self: self.offered[self.chosen])
+
+    def put(self, target):
+        """The state with another target in place of the chosen one."""
+        return self._replace(offered=self.offered | {self.chosen: target})
+
+
 class Mask(W.VBox):
     """The form of a block or closed loop; made by `mask`.
 
@@ -243,57 +298,83 @@ class Mask(W.VBox):
     target = traitlets.Any()
 
     def __init__(self, target, include=None, tau=None):
-        self.offered = dict(target) if isinstance(target, dict) else {"": target}
-        self._given = dict(self.offered)  # as they were, for reset
-        self._tau, self._include, self._forms, self._lock, self._quiet = tau, include, {}, threading.RLock(), False
+        loops = offered("mask", target, Block, Channels, ClosedLoop)
+        self._state, self._shown, self._told = _State(next(iter(loops)), loops, loops), None, None
+        self._tau, self._include = tau, names("mask", "include", include)
+        self._forms, self._rows, self._lock = {}, {}, threading.RLock()
         self.page, self._status, self._body = Page(), W.HTML(), W.VBox()
-        self.choice = W.Dropdown(options=list(self.offered))
+        self.choice = W.Dropdown(options=list(loops))
         self._reset = W.Button(description="Reset", icon="undo", tooltip="Back to the values at the start")
-        self._head = head = W.HBox([self.choice, self._reset] if len(self.offered) > 1 else [self._reset])
+        self._head = head = W.HBox()
         super().__init__()
         for w, name in ((self, "mask"), (head, "top"), (self.choice, "choice"), (self._body, "body"), (self._status, "status")):
             w.add_class(f"smcaero-{name}")
         self.children = [head, self._body, self._status, self.page]
-        self.choice.observe(lambda change: self._quiet or self._choose(change.old), "value")
+        self.choice.observe(self._picked, "value")
         self._reset.on_click(lambda _: self.reset())
-        self._choose()
+        self._formed(self._state)
+        self._change(lambda: self._state)
+
+    @property
+    def offered(self):
+        """{name: loop} of all that may be chosen, as set now."""
+        return self._state.offered
+
+    @property
+    def chosen(self):
+        """The name of the chosen loop."""
+        return self._state.chosen
 
     @property
     def values(self):
         """{name: value} of what the form shows."""
-        now = _settable(self.target)
+        now = _settable(self._state.target)
         return {n: now[n][1] for n in self.widgets}
 
     def set(self, **values):
-        """Set several values at once, with one notification.
+        """Set several values at once, with one notification; with none if they are set already.
 
         Raises
         ------
         ParameterError
             An unknown name, or a value that its metadata does not allow; nothing has changed then.
         """
-        with self._lock:
-            self._put(self.target.with_(**values))
+        def made():
+            before = self._state.target
+            target, now = before.with_(**values), _settable(before)
+            same = values.keys() <= now.keys() and _settable(target) == now
+            return self._state.put(before if same else target)
+
+        self._change(made)
 
     def reset(self):
         """Go back to the values at the start."""
-        with self._lock:
-            self._put(self._given[self.choice.value].with_())  # a copy: observers hear of it even if nothing differs
+        # a copy: observers hear of it even if nothing differs
+        self._change(lambda: self._state.put(self._state.given[self.chosen].with_()))
 
     def offer(self, name, target):
-        """Offer another loop or block, or another under a name, and choose it."""
-        with self._lock:
-            if [*self.offered] == [""]:  # one that needed no name
-                first = self.offered[""].name or "given"
-                self.offered, self._given, self._forms = ({first: q[""]} for q in (self.offered, self._given, self._forms))
-            old = self.choice.value or first
-            self.offered[name] = self._given[name] = target
-            self._forms.pop(name, None)
-            with self._silent():
-                self.choice.options = list(self.offered)
-                self.choice.value = name
-            self._head.children = [self.choice, self._reset]
-            self._choose(old if old != name else None)
+        """Offer another loop or block, or another under a name, and choose it.
+
+        Raises
+        ------
+        ParameterError
+            The name is not a text, or the target is something else.
+        """
+        more = offered("mask", {name: target}, Block, Channels, ClosedLoop)
+
+        def made():
+            old, loops, given = self._state
+            if [*loops] == [""]:  # one that needed no name
+                old = loops[""].name or "given"
+                loops, given, self._forms = ({old: q[""]} for q in (loops, given, self._forms))
+            state = _State(old, loops | more, given | more)
+            return self._formed(state if old == name else self._brought(state, name))
+
+        self._change(made)
+
+    def mend(self):
+        """Show again, and tell, what an interrupt left half done."""
+        self._change(lambda: self._mend(False) or self._state)
 
     def say(self, text="", refused=False):
         """Show a message under the form; screen readers announce it."""
@@ -301,72 +382,129 @@ class Mask(W.VBox):
 
     def in_this_world(self):
         """{name: loop} of all that are offered, each with what was changed in the vehicle and world of the chosen one."""
-        return {n: self._brought(self.choice.value, n) for n in self.offered}
+        return {n: self._brought(self._state, n).target for n in self.offered}
 
-    def _brought(self, old, new):
-        """One of the loops, with what was changed in the vehicle and world of another.
+    def _brought(self, state, new):
+        """Another one is chosen, with what was changed in the vehicle and world of the one before.
 
         A block, with all that was, except where it is meant to differ. What is not allowed there stays behind.
         """
-        was, now, there = _settable(self._given[old]), _settable(self.offered[old]), _settable(self.offered[new])
+        three = state.given[state.chosen], state.target, state.offered[new]
+        was, now, there = map(_settable, three)
+        block = isinstance(state.target, Block)
         carried = {n: v for n, (_, v, _) in now.items() if n in there and v != was[n][1]
-                   and (n.split("__")[0] in WORLD or isinstance(self.offered[old], Block) and there[n][1] == was[n][1])}
-        made = self.offered[new]
+                   and (n.split("__")[0] in WORLD or block and there[n][1] == was[n][1])}
+        made = state.offered[new]
         for some in (carried, *({n: v} for n, v in carried.items())):  # all at once, as they belong together, or what goes
             try:
                 made = made.with_(**some)
-            except ParameterError:
+            except RAISED:
                 continue
             if some is carried:
                 break
-        return made
+        return state._replace(chosen=new).put(made)
 
-    def _put(self, target):
-        """Show a target and tell the observers."""
-        self.offered[self.choice.value] = target
-        now = _settable(target)
-        with self._silent():
-            for n, row in self._rows.items():
-                row.show(now[n][1])
+    def _formed(self, state):
+        """The state, once there is a form for it: what cannot have one is not chosen."""
+        given = state.given[state.chosen]
+        if self._forms.get(state.chosen, (None,))[0] is not given:
+            self._forms[state.chosen] = given, *self._form(state.target)
+        return state
+
+    def _change(self, make):
+        """Take the state that `make` returns, show it and tell the observers, whole or not at all.
+
+        The state is one attribute, assigned once; what is shown follows from it, and is shown again
+        where Ctrl-C, which may come at any moment, left it half done: here, or at the next change.
+        """
+        with self._lock:
+            try:
+                self._settle()
+                self._state = make()
+                self._settle()
+            except Exception:  # of `make`: nothing has changed; of an observer: it was told
+                self._mend(False)
+                self._shown = self._told = self._state
+                raise
+            except BaseException:
+                self._settle()
+                self._mend(True)
+                raise
+
+    def _settle(self):
+        """Show the state and tell the observers, unless that was done."""
+        while self._told is not self._state:
+            state, again = self._state, self._shown is self._state
+            self._show(state)
+            self._shown = state
+            if again and self.target is state.target:  # not all of them may have heard
+                self._notify_trait("target", state.target, state.target)
+            self.target = state.target
+            if self._state is state:  # no observer has changed it
+                self._told = state
+
+    def _show(self, state):
+        """Show a state; to do so twice does no harm."""
+        _, self._rows, folds = self._forms[state.chosen]
+        self.widgets = {n: row.widget for n, row in self._rows.items()}
+        self.entries = {n: row.entry for n, row in self._rows.items() if row.entry}
+        self._show_choice(state)
+        now = _settable(state.target)
+        for n, row in self._rows.items():
+            row.show(now[n][1])
         self.say()
-        self.target = target
+        self._body.children = folds
 
-    @contextmanager
-    def _silent(self):
-        """Controls that change meanwhile ask for nothing."""
-        self._quiet = True
-        try:
-            yield
-        finally:
-            self._quiet = False
+    def _show_choice(self, state):
+        if self.choice.options != tuple(state.offered):
+            self.choice.options = list(state.offered)
+        self.choice.value = state.chosen
+        self._head.children = [*[self.choice]*(len(state.offered) > 1), self._reset]
+
+    def _mend(self, page):
+        """Let the controls show the state where they do not."""
+        self._show_choice(self._state)
+        now = _settable(self._state.target)
+        for n, row in self._rows.items():
+            row.mend(now[n][1], page)
+        if page:
+            self.choice.send_state("index")
 
     def _asked(self, name, value):
         """A person moved a slider or typed: take the value, or say what is allowed."""
-        with self._lock:
-            if self._quiet:
-                return
+        remarks, row = [], self._rows[name]
+
+        def made():
             try:
-                with warnings.catch_warnings(record=True) as remarks:
+                with warnings.catch_warnings(record=True) as heard:
                     warnings.simplefilter("always")
-                    target = self.target.with_(**{name: value})
-                self._put(target)
+                    target = self._state.target.with_(**{name: value})
+            except ParameterError:
+                row.mark(True)  # what was typed stays, to be corrected
+                raise
+            remarks.extend(heard)
+            return self._state.put(target)
+
+        with self._lock:
+            before = self._state
+            try:
+                self._change(made)
+            except RAISED as why:
+                if self._state is not before:  # an observer's
+                    raise
+                self.say(f"{why_not(why)}. It stays at {_written(row.value)}.", refused=True)
+            else:
                 if remarks:
                     self.say(f"{remarks[-1].message}.")
-            except ParameterError as why:
-                self._rows[name].mark(True)
-                self.say(f"{why}. It stays at {_written(self.values[name])}.", refused=True)
 
-    def _choose(self, old=None):
-        """Show the form of the chosen loop; what was changed in the vehicle and its world comes along."""
-        with self._lock:
-            target = self._brought(old, self.choice.value) if old is not None else self.offered[self.choice.value]
-            if self.choice.value not in self._forms:
-                self._forms[self.choice.value] = self._form(target)
-            self._rows, folds = self._forms[self.choice.value]
-            self.widgets = {n: row.widget for n, row in self._rows.items()}
-            self.entries = {n: row.entry for n, row in self._rows.items() if row.entry}
-            self._put(target)
-            self._body.children = folds
+    def _picked(self, change):
+        """A person chose another loop; what was changed in vehicle and world comes along."""
+        if change.new == self.chosen or self._shown is not self._state:  # it is being shown
+            return
+        try:
+            self._change(lambda: self._formed(self._brought(self._state, change.new)))
+        except ParameterError as why:
+            self.say(f"{why}.", refused=True)
 
     def _form(self, target):
         """Rows {name: _Row} and groups of the form."""
@@ -374,13 +512,14 @@ class Mask(W.VBox):
         for i in include or ():
             if not any(n == i or n.startswith(f"{i}__") for n in known):
                 raise unknown("mask: include", i, known)
-        names = [n for n in known if include is None or any(n == i or n.startswith(f"{i}__") for i in include)]
+        chosen = [n for n in known if include is None
+                  or any(n == i or n.startswith(f"{i}__") for i in include)]
         shared = dict(layout=W.Layout(), slider=W.FloatSlider.style.klass(), text=W.Text.style.klass())
         grid = (self._tau or target.tau or target.dt) if isinstance(target, ClosedLoop) else None
-        rows = {n: _Row(n, *known[n], self._asked, shared, grid) for n in names}
+        rows = {n: _Row(n, *known[n], self._asked, shared, grid) for n in chosen}
         units = {n: f" {q[0].unit}"*(q[0].unit != "1") for n, q in known.items()}
         self.page.tell({_place(n): (n.replace("__", " ") + units[n], known[n][0].log)
-                        for n in names})
+                        for n in chosen})
         groups = [(title, b, [rows[n].box for n in group if n in rows], folded and include is None)
                   for title, b, group, folded in _groups(target)]
         return rows, [_Fold(*group, shared) for group in groups if group[2]]
@@ -404,7 +543,9 @@ def mask(target, include=None):
     Raises
     ------
     ParameterError
-        `include` names something that does not exist.
+        `target` is something else, such as a function that makes a loop but was not called, or
+        offers nothing, or under a name that is not a text; `include` is not a sequence of names, or
+        names something that does not exist.
 
     Examples
     --------

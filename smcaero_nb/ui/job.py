@@ -1,5 +1,6 @@
 """Work in a thread of its own, with a progress bar and a button that cancels it."""
 
+import math
 import time
 
 import ipywidgets as W
@@ -26,25 +27,28 @@ class Job(W.HBox):
         self.add_class("smcaero-busy")
         self._do, self.worker = do, Newest(self._work, self._hide)
 
+    @property
+    def here(self):
+        """Whether this is called by what is at work, which does not wait for itself."""
+        return self.worker.here
+
     def ask(self, asked, patience):
         """Do it; return whether it was done within `patience` [s]. If not, it goes on by itself, with a bar; Ctrl-C ends it."""
         self.worker.ask(asked)
-        try:
-            if self.worker.idle.wait(patience):
-                return True
-        except KeyboardInterrupt:
-            self.cancel()
-            raise
-        with self.worker.lock:
-            if not self.worker.idle.is_set():
-                self.layout.visibility = "visible"
-            return self.worker.idle.is_set()
+        if self._waited(patience):
+            return True
+        self.layout.visibility = "visible"
+        if self.worker.idle.is_set():  # just now
+            self._hide()
+        return self.worker.idle.is_set()
 
     def wait(self):
         """Wait until nothing is left to do; Ctrl-C cancels it."""
+        self._waited(math.inf)
+
+    def _waited(self, patience):
         try:
-            while not self.worker.idle.wait(0.05):
-                pass
+            return self.worker.idle.wait(patience)
         except KeyboardInterrupt:
             self.cancel()
             raise
@@ -59,10 +63,10 @@ class Job(W.HBox):
     def _work(self, asked, progress):
         told = [0.0]
 
-        def watched(fraction):
-            progress(fraction)
+        def watched(*fraction):
+            progress(*fraction)
             now = time.perf_counter()
-            if now - told[0] > 0.1:
-                told[0], self.bar.value = now, fraction
+            if fraction and now - told[0] > 0.1:
+                told[0], self.bar.value = now, fraction[0]
 
         self._do(asked, watched)

@@ -11,8 +11,10 @@ import ipywidgets as W
 import traitlets
 
 from ..core import ParameterError, Table
-from .form import Page
+from .form import Mask, Page
+from .given import called, short
 from .words import said_html, unmarked, why_not
+from .worker import RAISED
 
 __all__ = ["Download", "TransferFunction", "Upload", "transfer_function", "upload"]
 
@@ -74,18 +76,18 @@ class Own(W.VBox):
         """Offer what `make` returns, (name, block, what to say), or say why not."""
         try:
             name, made, said = make()
-        except Exception as why:  # what a person brings may be anything: it is said, and the page goes on
+            self._message.value = said_html(said, False)
+            self.live.mask.offer(name, made)
+        except RAISED as why:  # what a person brings may be anything: the page goes on
             self._message.value = said_html(why_not(why), True)
-            return
-        self._message.value = said_html(said, False)
-        self.live.mask.offer(name, made)
 
 
 class Upload(Own):
     """A button that reads a file of one's own, and lists that say which column is what; made by `upload`."""
 
     def __init__(self, live, read, make):
-        self._read, self._make, self._file, self._quiet = read, make, None, False
+        self._read, self._make = read, make
+        self._file = self._laid_out = None  # the file, and the one that the entries are of
         self.button = File(self.take)
         self.entries = {}
         for n, a in list(inspect.signature(read).parameters.items())[1:]:
@@ -93,21 +95,31 @@ class Upload(Own):
             self.entries[n] = kind(description=n.replace("_", " "), layout=W.Layout(width="180px"),
                                    style=dict(description_width="76px"))
             self.entries[n].continuous_update = False  # of an entry
-            self.entries[n].observe(lambda _: self._quiet or self._taken(), "value")
+            self.entries[n].observe(self._entered, "value")
         super().__init__(live, [self.button])
+
+    def _entered(self, _):
+        if self._laid_out is self._file:
+            self._taken()
 
     def take(self, name, content):
         """Take a file, as if it had been given by hand."""
         self._file, self._message.value = (name, content), said_html(f"Reading {name} ...", False)
-        self._quiet = True
         try:
-            names = Table("upload", self._stream()).names
-        except ParameterError as why:
-            self._message.value, self._head.children = said_html(str(why), True), [self.button]
+            self._lay_out(Table("upload", self._stream()).names)
+        except RAISED as why:
+            self._message.value, self._head.children = said_html(why_not(why), True), [self.button]
             return
-        finally:
-            self._quiet = False
-        self._quiet, columns = True, [n for n, w in self.entries.items() if isinstance(w, W.Dropdown)]
+        except BaseException:
+            said = f"Reading {name} was interrupted; give the file again."
+            self._message.value = said_html(said, True)
+            self._head.children = [self.button]
+            raise
+        self._taken()
+
+    def _lay_out(self, names):
+        """Let the entries ask for the columns of the file; until all do, they ask for nothing."""
+        columns = [n for n, w in self.entries.items() if isinstance(w, W.Dropdown)]
         alike = {n: q for n in columns if (q := _alike(n, names))}
         for i, n in enumerate(columns):
             likely = i < len(names) and (i < 2 or len(names) == len(columns))
@@ -118,8 +130,8 @@ class Upload(Own):
         for w in self.entries.values():
             if isinstance(w, W.Text):
                 w.value = ""
-        self._quiet, self._head.children = False, [self.button, *self.entries.values()]
-        self._taken()
+        self._head.children = [self.button, *self.entries.values()]
+        self._laid_out = self._file
 
     def _stream(self):
         stream = io.BytesIO(self._file[1])
@@ -196,6 +208,14 @@ def _polynomial(coefficients):
     return " + ".join(terms).replace("+ -", "- ")
 
 
+def _refuse(owner, live, **functions):
+    """Refuse what is no live plot, or no function."""
+    if not isinstance(getattr(live, "mask", None), Mask):
+        raise ParameterError(
+            f"{owner}: live = {short(live)} is not allowed; it must be a live plot, live(...)")
+    called(owner, **functions)
+
+
 def upload(live, read, make):
     """A button with which a person adds a file of numbers to what a live plot offers.
 
@@ -213,10 +233,16 @@ def upload(live, read, make):
     Upload
         A widget.
 
+    Raises
+    ------
+    ParameterError
+        `live` is no live plot; `read` or `make` is no function.
+
     Examples
     --------
     >>> own = upload(live(smc.prd.experiment(smc.lv.transfer_function())), smc.prd.read_csv, smc.prd.experiment)
     """
+    _refuse("upload", live, read=read, make=make)
     return Upload(live, read, make)
 
 
@@ -234,8 +260,14 @@ def transfer_function(live, make):
     TransferFunction
         A widget.
 
+    Raises
+    ------
+    ParameterError
+        `live` is no live plot; `make` is no function.
+
     Examples
     --------
     >>> own = transfer_function(live(smc.prd.experiment(smc.lv.transfer_function())), smc.prd.experiment)
     """
+    _refuse("transfer_function", live, make=make)
     return TransferFunction(live, make)

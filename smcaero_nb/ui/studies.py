@@ -3,15 +3,16 @@
 import ipywidgets as W
 import plotly.graph_objects as go
 
-from ..core import ClosedLoop, ParameterError, accuracy, simulate
+from ..core import Block, ClosedLoop, ParameterError, accuracy, simulate
 from .board import FIRST, ROWS, Live
 from .charts import figure
 from .form import Page
+from .given import offered, short
 from .job import Job
 from .panels import LAW, comparison_html, draw, panels
 from .picture import Picture
 from .words import said_html, why_diverged, why_not
-from .worker import Dropped
+from .worker import Dropped, interrupted
 
 __all__ = ["Certificate", "Compare", "certificate", "compare"]
 
@@ -56,10 +57,13 @@ class Study(W.VBox):
         """Compute and draw, or say why not."""
         said, refused = "", True
         try:
+            progress()
             said, refused = self._study(asked, progress)
         except Dropped as why:
             said = "Cancelled." if why.args == ("cancelled",) else ""
-        except Exception as why:  # a block may raise anything: a person reads it, and the page goes on
+        except BaseException as why:  # a block may raise anything: it is said, and the page goes on
+            if interrupted(why):
+                raise
             said = why_not(why)
         self._say(said, refused)
 
@@ -84,7 +88,7 @@ class Compare(Study):
 
     def __init__(self, source):
         names = list(source.mask.offered if isinstance(source, Live) else source)
-        self.runs, self._quiet = {}, False
+        self.runs, self._picked = {}, frozenset(names[:MOST])
         self._toggles = {n: W.ToggleButton(i < MOST, description=n, tooltip=f"Show {n}") for i, n in enumerate(names)}
         self._again = W.Button(description="Refresh", icon="refresh", tooltip="Take the settings of the mask as they are now")
         self._again.on_click(lambda _: self._ask())
@@ -105,23 +109,34 @@ class Compare(Study):
         """
         if not 1 <= len(names) <= MOST or not set(names) <= set(self._toggles):
             raise ParameterError(f"compare: {names} is not allowed; it must be one to {MOST} of {', '.join(self._toggles)}")
-        self._quiet = True
-        for n, t in self._toggles.items():
-            t.value = n in names
-        self._quiet = False
-        self._ask()
+        self._pick(names)
         self.wait()
 
     def _toggled(self, change):
-        if self._quiet:
+        name = change.owner.description
+        if change.new == (name in self._picked):  # a program's
             return
-        if sum(t.value for t in self._toggles.values()) > MOST:
-            self._quiet = True
+        if len(self._picked ^ {name}) > MOST:
             change.owner.value = False
-            self._quiet = False
             self._say(f"{MOST} laws at most can be told apart: switch another one off first.", refused=True)
         else:
+            self._pick(self._picked ^ {name})
+
+    def _pick(self, names):
+        """Compare these; the names are one attribute, assigned once: the buttons follow it."""
+        try:
+            self._picked = frozenset(names)
+            self._follow()
             self._ask()
+        except BaseException:
+            self._follow()
+            if set(self.job.worker.asked[0]) != self._picked:
+                self._ask()
+            raise
+
+    def _follow(self):
+        for n, t in self._toggles.items():
+            t.value = n in self._picked
 
     def _stale(self, _):
         if self.job.worker.idle.is_set():
@@ -131,7 +146,7 @@ class Compare(Study):
 
     def _ask(self, patience=0.0):
         loops = self.loops
-        self.job.ask({n: loops[n] for n, t in self._toggles.items() if t.value}, patience)
+        self.job.ask({n: loops[n] for n in self._toggles if n in self._picked}, patience)
 
     def _study(self, loops, progress):
         self.runs, runs = {}, {}
@@ -176,7 +191,7 @@ class Certificate(Study):
 
     def _ask(self):
         if self._mask:
-            self.job.ask((self._mask.choice.value, self._mask.target), 0.0)
+            self.job.ask((self._mask.chosen, self._mask.target), 0.0)
         else:
             self.job.ask(next(iter(self._given.items())), 0.0)
 
@@ -207,16 +222,18 @@ def compare(source):
     Raises
     ------
     ParameterError
-        `source` is something else.
+        `source` is something else, or offers nothing, what is no closed loop, or a name that is
+        not a text.
 
     Examples
     --------
     >>> both = compare({law: smc.applications.double_integrator(law) for law in ("sign_smc", "super_twisting")})
     >>> both.runs["sign_smc"].metrics().turns_u
     """
-    loops = source.values() if isinstance(source, dict) else ()
-    if not isinstance(source, (Live, dict)) or not all(isinstance(q, ClosedLoop) for q in loops):
-        raise ParameterError(f"compare: {source!r} is not allowed; it must be a live plot or {{name: loop}}")
+    if not isinstance(source, (Live, dict)):
+        raise ParameterError(
+            f"compare: {short(source)} is not allowed; it must be a live plot or {{name: loop}}")
+    offered("compare", source.mask.offered if isinstance(source, Live) else source, ClosedLoop)
     return Compare(source)
 
 
@@ -236,7 +253,7 @@ def certificate(source):
     Raises
     ------
     ParameterError
-        `source` is something else.
+        `source` is something else, or offers no closed loop.
 
     Examples
     --------
@@ -245,4 +262,7 @@ def certificate(source):
     """
     if not isinstance(source, (Live, ClosedLoop)):
         raise ParameterError(f"certificate: {type(source).__name__} is not allowed; it must be a live plot or a closed loop")
+    if isinstance(source, Live) and all(isinstance(q, Block) for q in source.mask.offered.values()):
+        raise ParameterError(
+            "certificate: the live plot is not allowed; it has only blocks, and must offer a loop")
     return Certificate(source)
