@@ -39,6 +39,9 @@ def strong(sigma, rho=5.0, k=1.0):
     return rho*(sigma > 0.0) - rho*(sigma < 0.0) + k*sigma
 
 
+# a widget of ipywidgets that is interrupted while it is made cannot be closed either
+pytestmark = pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+
 LOOPS = {law.name: ClosedLoop(cart, surface=line, law=law, duration=0.2, dt=1e-3, tau=1e-2)
          for law in (weak, strong)}
 UI = smc.ui.__path__[0]
