@@ -5,6 +5,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
+from .param import Param, given
 from .signal import flat, shape
 
 __all__ = ["Metrics", "metrics", "reaching_time"]
@@ -86,7 +87,17 @@ def reaching_time(run, band=None):
     list of float
         [s], resolved to one recorded row; infinite if \\|sigma\\| is outside at the end, or the run diverged; NaN without a band
         where the run ended before its tail.
+
+    Raises
+    ------
+    ParameterError
+        Something else than a run, or a band that is negative or not finite.
     """
+    from .engine import Run  # which imports this module
+
+    given("reaching_time", "run", run, Run, "a Run, such as simulate(loop) gives")
+    if band is not None:
+        band = Param(low=0.0, unit="[sigma]").check("reaching_time", "band", band)
     times = []
     many = _many(run)
     for low, high, tail in zip(heads(run.low.sigma, many), heads(run.high.sigma, many), heads(run.tail_sigma, many), strict=True):
