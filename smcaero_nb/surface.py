@@ -8,7 +8,7 @@ from typing import Annotated
 import numpy as np
 
 from .core import Param, ParameterError, block
-from .core.param import positive
+from .core.param import refused, said, several, switch
 from .core.signal import first
 
 __all__ = ["coefficients", "differenced", "itae", "polynomial", "truncated"]
@@ -28,23 +28,26 @@ SETTLING = {
 }
 
 
+SETTLED = Param("t_s", "s", low=1e-6, log=True, slider=(0.5, 50.0),
+                help="settling time of the error while sigma = 0")
 LAST = Param(r"\sigma_{-1}", "[sigma]", help="value one sample before the start", slider=(-1.0, 1.0))
 KNOWN = Param("known", "1", low=0.0, high=1.0, help="1: the value before the start counts")
 
 
 def _degree(r, integral):
     r = Param(low=1, high=6).check("surface", "r", r, int)
-    return r, r - 1 + Param().check("surface", "integral", integral, bool)
+    return r, r - 1 + switch("surface", "integral", integral)
 
 
 def _chosen(degree, table, rule):
     """ITAE polynomial of that degree (descending, after the leading 1) and the product settling time times frequency."""
     if not isinstance(table, str) or table not in TABLES or degree not in (0, *TABLES[table]):
         allowed = ", ".join(f"'{t}' up to {max(c)}" for t, c in TABLES.items())
-        raise ParameterError(f"surface: table = {table!r} has no polynomial of degree {degree}; there are {allowed}")
-    if rule not in ("paper", "settling"):
-        raise ParameterError(f"surface: rule = {rule!r} is not allowed; it must be 'paper' (w = 10/t_s) or 'settling' "
-                             "(the measured 2 % settling)")
+        raise ParameterError(f"surface: table = {said(table)} has no polynomial of degree "
+                             f"{degree}; there are {allowed}")
+    if not isinstance(rule, str) or rule not in ("paper", "settling"):
+        raise refused("surface", "rule", rule,
+                      "'paper' (w = 10/t_s) or 'settling' (the measured 2 % settling)")
     return TABLES[table].get(degree, ()), 10.0 if rule == "paper" else SETTLING[table].get(degree, 0.0)
 
 
@@ -59,7 +62,7 @@ def coefficients(r, settling_time, integral=True, table="classical", rule="paper
     r : int
         Relative degree, 1 to 6.
     settling_time : float
-        t_s [s], larger than 0.
+        t_s [s], 1e-6 or more.
     integral : bool
         With the integral term (integral sliding mode).
     table : str
@@ -93,7 +96,7 @@ def coefficients(r, settling_time, integral=True, table="classical", rule="paper
     """
     r, degree = _degree(r, integral)
     c, product = _chosen(degree, table, rule)
-    w = product/positive("surface", "settling_time", settling_time)
+    w = product/SETTLED.check("surface", "settling_time", settling_time)
     return tuple(a*w**(k + 1) for k, a in enumerate(c))
 
 
@@ -104,9 +107,9 @@ def _written(name, doc, arguments, first_line, c, r, integral, derivative, check
         terms = [f"{q}{e}" for q, e in zip(c[integral:], es, strict=True)][::-1]
         return " + ".join(terms + [c[0] + ("first(e)" if shift else "integral")]*integral)
 
-    if derivative not in (False, True, "difference"):
-        raise ParameterError(f"surface: derivative = {derivative!r} is not allowed; it must be False, True or 'difference'")
-    differs = derivative == "difference"
+    differs = isinstance(derivative, str) and derivative == "difference"
+    if not (differs or isinstance(derivative, (bool, np.bool_))):
+        raise refused("surface", "derivative", derivative, "False, True or 'difference'")
     states = ["integral"]*integral + ["last", "known"]*differs
     ahead = ["integral + tau*first(e)"]*integral + ["sigma", "1.0"]*differs
     rate = "(sigma - last)/tau if known else 0.0" if differs else combined(1) if derivative else ""
@@ -160,14 +163,13 @@ def itae(r, settling_time=8.0, integral=True, table="classical", rule="paper", d
     Paper eq (9). D. Graham and R. C. Lathrop, AIEE Trans. 72 (1953) 273.
     """
     r, degree = _degree(r, integral)
-    settling_time = positive("surface", "settling_time", settling_time)
+    settling_time = SETTLED.check("surface", "settling_time", settling_time)
     c, product = _chosen(degree, table, rule)
     said = [(f"{a:g}" if a != 1.0 else "") + r"\omega" + (f"^{k + 1}" if k else "") for k, a in enumerate(c)]
     doc = (f"ITAE sliding variable, relative degree {r}.\n\n.. math:: \\sigma = {_equation(said, r, integral)}"
            + (f", \\qquad \\omega = {product:g}/t_s" if degree else "") + "\n\nThe error settles as the ITAE polynomial of the "
            f"{table} table does, in about `settling_time`.\n\nPaper eq (9); Graham and Lathrop 1953.")
-    meta = Annotated[float, Param("t_s", "s", low=1e-6, log=True, help="settling time of the error while sigma = 0",
-                                  slider=(0.5, 50.0))]
+    meta = Annotated[float, SETTLED]
     texts = [f"{a!r}" + "*w"*(k + 1) + "*" for k, a in enumerate(c)][::-1] + [""]
     arguments = [f"settling_time: meta = {settling_time!r}"] if degree else []
     frequency = f"w = {product!r}/settling_time" if degree else ""
@@ -202,7 +204,8 @@ def polynomial(c, integral=True, derivative=False):
     ----------
     Paper eq (9).
     """
-    c = [Param().check("surface", f"c[{i}]", v) for i, v in enumerate(c)]
+    integral = switch("surface", "integral", integral)
+    c = [Param().check("surface", f"c[{i}]", v) for i, v in enumerate(several("surface", "c", c))]
     r, _ = _degree(len(c) + 1 - integral, integral)
     names = [f"c_{i}" for i in range(r - 2, -1, -1)] + ["c_int"]*integral
     symbols = [f"c_{{{i}}}" for i in range(r - 2, -1 - integral, -1)]

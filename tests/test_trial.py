@@ -207,7 +207,7 @@ def test_the_same_numbers_in_many_forms(text):
     ("t,f\n0,1\n1,nan\n", r"line 3: column 2 \('f'\): 'nan' is not a finite number"),
     ("t,f\n0,1\n\n1,\n", r"line 4: column 2 \('f'\): '' is not a finite number"),
     ("t,f\n0,1e999\n1,2\n", "'1e999' is not a finite number"),
-    ("t;f\n0;1.234,5\n1;2\n", r"'1.234,5' is not a finite number"),
+    ("t;f\n0;1.234.5\n1;2\n", r"'1.234.5' is not a finite number"),
     ("t,f\n0,1\n1,2,3\n", "line 3: 3 columns, but the names are 2; the delimiter is comma"),
     ("t,f\n0,1\n0,2\n", r"line 3: column 1 \('t'\): 0 after 0; times must increase"),
     ("t,f\n1,1\n0,2\n", r"line 3: column 1 \('t'\): 0 after 1; times must increase"),
@@ -223,6 +223,29 @@ def test_bad_files_are_refused_by_line_and_column(text, said):
     with pytest.raises(ParameterError, match=said) as why:
         read_csv(named(text))
     assert str(why.value).startswith("differentiators.read_csv: log.csv") and len(str(why.value)) < 300
+
+
+@pytest.mark.parametrize("text, line, other", [
+    ("t;f\n0;0,5\n1;1.234\n", 3, 2), ("t;f\n0;1.234\n1;0,5\n", 2, 3), ("t\tf\n0.5\t1,234\n1\t2\n", 2, 2),
+    ("t f\n0.5 1\n1 -12,345\n", 3, 2), ("t;f\n0;1.234\n1;5,678\n", 2, 3),
+    ("t;f\n0;1.234,5\n1;0.5\n", 3, 2), ("t;f;g\n0;1.5;0\n1;2;1.234,5\n", 2, 3),
+    ("t;f;g\n0;1.234;1,234.5\n1;2;1.234,5\n", 2, 2),
+])
+def test_a_number_that_may_have_a_separator_of_thousands_is_refused(text, line, other):
+    said = rf"line {line}: column [12] .* may mean thousands or decimals, .* \(line {other}\); write"
+    with pytest.raises(ParameterError, match=said):
+        read_csv(named(text))
+
+
+@pytest.mark.parametrize("text, values", [
+    ("t;f\n0;1.234,5\n1;1.234\n2;0,25\n3;-1.234.567,0\n4;12\n", [1234.5, 1234.0, 0.25, -1234567.0, 12.0]),
+    ("t;f\n0;1,234.5\n1;1,234\n2;0.25\n3;1.234\n", [1234.5, 1234.0, 0.25, 1.234]),
+    ("t\tf\n0\t1,234\n1\t0,5\n", [1.234, 0.5]), ("t;f\n0;1.234\n1;0.5\n", [1.234, 0.5]),
+    ("t;f\n0.5;1,5\n1.5;0,123\n", [1.5, 0.123]),  # a zero before it: no thousands
+    ("t;f\n0;1,5e3\n1;2.5\n", [1500.0, 2.5]), ("t,f\n0,1.234\n1,2\n", [1.234, 2.0]),
+])
+def test_numbers_whose_marks_are_clear_are_read_for_what_they_are(text, values):
+    assert read_csv(named(text)).f.tolist() == values
 
 
 def test_a_long_file_is_read_in_reasonable_time():

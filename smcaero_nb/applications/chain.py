@@ -4,6 +4,8 @@ import math
 from typing import Annotated
 
 from ..core import Block, ClosedLoop, Param, ParameterError, block
+from ..core.block import wanted
+from ..core.param import listed, refused, switch
 from ..core.signal import generated, leaves, text
 from ..hosmc import integrated
 from ..surface import differenced
@@ -19,7 +21,7 @@ def fitted(owner, law, presets, one, two):
     if isinstance(law, str) and law in presets:
         return presets[law]
     if not isinstance(law, Block):
-        raise ParameterError(f"{owner}: law = {law!r} is not allowed; it must be a law (a block), or one of {', '.join(presets)}")
+        raise refused(owner, "law", law, f"a law (a block), or one of {listed(presets)}")
     if law.r not in (None, 1, 2):
         raise ParameterError(f"{owner}: {law.name} is for relative degree {law.r}; it must be 1, on a sliding variable, or 2")
     return dict(law=law, surface=two if law.r == 2 else one(derivative="difference" if law.r == 1 else False))
@@ -169,6 +171,8 @@ def perturbed_chain(law, r, raised=False):
     ------
     ParameterError
         A number of integrators that is not allowed, or a law for another relative degree.
+    BlockError
+        A law that is not a block, such as the name of one.
 
     References
     ----------
@@ -179,6 +183,9 @@ def perturbed_chain(law, r, raised=False):
     >>> simulate(perturbed_chain(smc.hosmc.quasi_continuous(3), 3)).tail_e < 1e-6
     True
     """
+    law = wanted("perturbed_chain: law", law)
+    r = Param(low=1, high=6).check("perturbed_chain", "r", r, int)
+    raised = switch("perturbed_chain", "raised", raised)
     if law.r not in (None, r + raised):
         raise ParameterError(f"perturbed_chain: r = {r}{', raised,'*raised} is not allowed; {law.name} is for relative degree "
                              f"{law.r}")

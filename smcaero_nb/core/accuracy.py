@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .engine import simulate
-from .param import ParameterError, positive
+from .engine import simulate, timed
+from .param import ParameterError, function, positive, refused, several
 from .signal import flat
 from .theorem import degree, laws
 
@@ -108,19 +108,19 @@ def accuracy(loop, duration=None, dt=None, tau=None, *, factors=FACTORS, method=
     >>> accuracy(smc.applications.perturbed_chain(smc.smc2.super_twisting, 1)).order
     2
     """
+    duration, dt, step = timed("accuracy", loop, duration, dt, tau)
+    function("accuracy", "progress", progress)
     if loop.stages["law"] is None:
         raise ParameterError("accuracy: the loop has no law, so there is no sliding to measure")
-    factors = sorted({positive("accuracy", f"factors[{i}]", f, "1") for i, f in enumerate(factors)}, reverse=True)
+    given = several("accuracy", "factors", factors)
+    factors = {positive("accuracy", f"factors[{i}]", f, "1") for i, f in enumerate(given)}
     if len(factors) < 4:
-        raise ParameterError(f"accuracy: factors = {tuple(factors)} is not allowed; it must be at least four different numbers")
-    given = {n: getattr(loop, n) if v is None else v for n, v in (("duration", duration), ("dt", dt), ("tau", tau))}
-    if given["dt"] is None:
-        raise ParameterError("accuracy: dt [s] is not given, and the loop has none of its own")
-    step = given["dt"] if given["tau"] is None else given["tau"]
+        raise refused("accuracy", "factors", given, "at least four different numbers")
+    factors = sorted(factors, reverse=True)
     cost, done, sizes, left = np.array([1.0/f for f in factors]), 0.0, [], {}
     for f, part in zip(factors, cost/cost.sum(), strict=True):
         watched = progress and (lambda q, done=done, part=part: progress(done + part*q))
-        run = simulate(loop, given["duration"], f*given["dt"], f*step, method=method, tail=0.5, progress=watched)
+        run = simulate(loop, duration, f*dt, f*step, method=method, tail=0.5, progress=watched)
         names, size, why = _measured(run)
         sizes.append(size)
         if why:

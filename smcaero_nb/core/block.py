@@ -9,9 +9,9 @@ import functools
 import inspect
 
 from .cache import fingerprint
-from .param import Param, ParameterError, declared, unknown
+from .param import Param, ParameterError, declared, function, given, said, unknown
 
-__all__ = ["Block", "BlockError", "Channels", "block", "channels", "routed"]
+__all__ = ["Block", "BlockError", "Channels", "block", "channels", "routed", "wanted"]
 
 
 class BlockError(TypeError):
@@ -47,7 +47,7 @@ class Block:
 
     def __init__(self, f, state, check=None, theorem=None, r=None, band=None):
         if not inspect.isfunction(f):
-            raise BlockError(f"block: a block is made of a plain function, not of {f!r}")
+            raise BlockError(f"block: a block is made of a plain function, not of {said(f)}")
         self.f, self.name, self.__doc__ = f, f.__name__, f.__doc__
         self.signals, self.params, self.kinds, self.values, self.output = declared(f)
         self.states = {}
@@ -91,8 +91,19 @@ class Block:
         return new
 
     def __call__(self, *args, **params):
-        """Evaluate the block as plain Python; parameters not given have the block's values."""
+        """Evaluate the block as plain Python; parameters not given have the block's values.
+
+        Raises
+        ------
+        ParameterError
+            A parameter, given by its name, that does not exist or has a value that is not allowed.
+        """
         rest = list(self.params)[max(0, len(args) - len(self.signals)):]
+        for name, v in params.items():
+            if name in self.params:
+                params[name] = self.params[name].check(self.name, name, v, self.kinds[name])
+            elif name not in self.signals:
+                raise unknown(self.name, name, [*self.signals, *self.params])
         return self.f(*args, **{**{n: self.values[n] for n in rest}, **params})
 
     def __repr__(self):
@@ -112,9 +123,10 @@ class Channels:
     """Independent blocks side by side, made by `channels`; each sees its own component of every signal."""
 
     def __init__(self, parts):
+        if not parts:
+            raise BlockError("channels: at least one block is needed: channels(attitude=..., ...)")
         for name, b in parts.items():
-            if not isinstance(b, Block):
-                raise BlockError(f"channels: {name} must be a block, not {b!r}")
+            wanted(f"channels: {name}", b)
         self.parts, self.name = parts, "channels"
         self.__doc__ = "\n\n".join(f"{c}: {b.__doc__}" for c, b in parts.items())
 
@@ -157,8 +169,17 @@ def routed(owner, parts, changes):
     for part, values in inner.items():
         if new[part] is None:
             raise ParameterError(f"{owner}: {part} is not used, so it has no '{next(iter(values))}'")
-        new[part] = new[part].with_(**values)
+        new[part] = wanted(part, new[part], Block, Channels).with_(**values)
     return new
+
+
+def wanted(name, value, *kinds):
+    """Return `value` if it is a block, or of one of `kinds`, else raise `BlockError`."""
+    if isinstance(value, kinds or Block):
+        return value
+    hint = "; give the block itself, not its name" if isinstance(value, str) else (
+        "; put @block over it, or call it if it makes blocks" if inspect.isroutine(value) else "")
+    raise BlockError(f"{name} must be a block (a function under @block), not {said(value)}{hint}")
 
 
 def block(f=None, *, state=None, check=None, theorem=None, r=None, band=None):
@@ -194,7 +215,8 @@ def block(f=None, *, state=None, check=None, theorem=None, r=None, band=None):
     Raises
     ------
     BlockError, ParameterError
-        The declaration contradicts itself, or the defaults do not satisfy `check`.
+        The declaration contradicts itself, or the defaults do not satisfy `check`; something other
+        than a function or a dict where one is wanted.
 
     Examples
     --------
@@ -202,8 +224,13 @@ def block(f=None, *, state=None, check=None, theorem=None, r=None, band=None):
     ... def sign_law(sigma, rho: Annotated[float, Param(r"\rho", "[v]", low=0.0)] = 1.0):
     ...     return rho*((sigma > 0.0) - (sigma < 0.0))
     """
-    made = functools.partial(Block, state=state or {}, check=check, theorem=theorem, r=r, band=band)
-    return made(f) if f else made
+    state = {} if state is None else state
+    given("block", "state", state, dict, "a dict of initial values by name")
+    for name, v in dict(check=check, theorem=theorem, band=band).items():
+        function("block", name, v)
+    r = None if r is None else Param(low=1).check("block", "r", r, int)
+    made = functools.partial(Block, state=state, check=check, theorem=theorem, r=r, band=band)
+    return made if f is None else made(f)
 
 
 def channels(**parts):
@@ -218,5 +245,10 @@ def channels(**parts):
     -------
     Channels
         Used as a block; its parameters are ``attitude__lam`` and so on.
+
+    Raises
+    ------
+    BlockError
+        A part that is not a block, or none at all.
     """
     return Channels(parts)

@@ -14,10 +14,10 @@ import types
 
 import numpy as np
 
-from .block import Block, BlockError, Channels, routed
+from .block import Block, BlockError, Channels, routed, wanted
 from .cache import compiled, draws, kept, remembered
 from .metrics import channel_figures, metrics
-from .param import Param, ParameterError, chosen, positive
+from .param import Param, ParameterError, chosen, function, given, positive, refused, switch, texted
 from .signal import flat, leaves, shape, text
 from .theorem import doubts, perturbation
 
@@ -37,6 +37,7 @@ ESTIMATED = ("surface", "law", "allocation")  # for them e is what the different
 SIGNALS = ("t", "r", "y", "e", "e_hat", "sigma", "v", "u", "d")
 METHODS = dict(euler=[(0.0, 1.0)], midpoint=[(0.0, 0.0), (0.5, 1.0)],
                rk4=[(0.0, 1/6), (0.5, 1/3), (0.5, 1/3), (1.0, 1/6)])  # (node, weight) of each evaluation
+ROWS = 100_000_000  # most rows of a run
 INPUTS = 8  # most inputs that a plant is tried with
 
 
@@ -66,15 +67,17 @@ class ClosedLoop:
     BlockError
         A stage is not a block.
     ParameterError
-        An unknown stage.
+        An unknown stage, or a time, name or verdict that is not allowed.
     """
 
     def __init__(self, plant, *, duration=None, dt=None, tau=None, name="", verdict=None, **stages):
-        self.duration, self.dt, self.tau, self.name, self.verdict = duration, dt, tau, name, verdict
+        for n, v in dict(duration=duration, dt=dt, tau=tau).items():
+            setattr(self, n, v if v is None else positive("ClosedLoop", n, v))
+        self.name = texted("ClosedLoop", "name", name)
+        self.verdict = function("ClosedLoop", "verdict", verdict)
         self.stages = routed("ClosedLoop", dict.fromkeys(ASKS), {"plant": plant, **stages})
         for stage, b in self.stages.items():
-            if not isinstance(b, Block if stage == "plant" else (Block, Channels, type(None))):
-                raise BlockError(f"{stage} must be a block (a function under @block), not {b!r}")
+            wanted(stage, b, *((Block,) if stage == "plant" else (Block, Channels, type(None))))
             if texts := [n for n, k in (b.kinds if b else {}).items() if k not in (float, int, bool)]:
                 raise BlockError(f"{stage} '{b.name}': {texts[0]} is a choice of texts; a stage has numbers and switches only")
 
@@ -88,6 +91,8 @@ class ClosedLoop:
         ------
         ParameterError
             An unknown stage or name, or a value that its metadata does not allow.
+        BlockError
+            A stage is not a block.
         """
         own = {k: changes.pop(k, getattr(self, k)) for k in ("duration", "dt", "tau", "name", "verdict")}
         for name in getattr(changes.get("plant", self.stages["plant"]), "params", ()):
@@ -619,6 +624,16 @@ def _result(loop, writer, rec, S, before, k, k_tail, dt, m, stopped, diverged):
     return run
 
 
+def timed(owner, loop, duration, dt, tau):
+    """Duration or None, dt and tau [s]: those given, else the loop's own."""
+    given(owner, "loop", loop, ClosedLoop, "a ClosedLoop, such as lv.loop() makes")
+    duration, dt, tau = (getattr(loop, n) if v is None else positive(owner, n, v)
+                         for n, v in dict(duration=duration, dt=dt, tau=tau).items())
+    if dt is None:
+        raise ParameterError(f"{owner}: dt [s] is not given, and the loop has none of its own")
+    return duration, dt, dt if tau is None else tau
+
+
 def simulate(loop, duration=None, dt=None, tau=None, *, method="euler", record=2000, tail=0.2, jit=True, progress=None):
     """Run a closed loop: the controller acts every `tau`, the plant is integrated with `dt`.
 
@@ -647,7 +662,8 @@ def simulate(loop, duration=None, dt=None, tau=None, *, method="euler", record=2
     Raises
     ------
     ParameterError
-        A time, method or number of rows that is not allowed.
+        Something other than a `ClosedLoop`; a time, method, switch or number of rows that is not
+        allowed.
     BlockError
         A block that does not fit its stage, fails at t = 0 or cannot be compiled.
 
@@ -655,13 +671,11 @@ def simulate(loop, duration=None, dt=None, tau=None, *, method="euler", record=2
     -----
     Ctrl-C acts between two chunks of steps, about every 20 ms. The result does not depend on the chunks.
     """
-    given = {n: getattr(loop, n) if v is None else v for n, v in (("duration", duration), ("dt", dt), ("tau", tau))}
-    for n in ("duration", "dt"):
-        if given[n] is None:
-            raise ParameterError(f"simulate: {n} [s] is not given, and the loop has none of its own")
-        given[n] = positive("simulate", n, given[n])
-    duration, dt = given["duration"], given["dt"]
-    tau = dt if given["tau"] is None else positive("simulate", "tau", given["tau"])
+    duration, dt, tau = timed("simulate", loop, duration, dt, tau)
+    if duration is None:
+        raise ParameterError("simulate: duration [s] is not given, and the loop has none of its "
+                             "own")
+    jit, progress = switch("simulate", "jit", jit), function("simulate", "progress", progress)
     if not max(tau, duration)/dt < 1e15:
         raise ParameterError(f"simulate: dt = {dt:g} s is not allowed; {max(tau, duration):g} s must take less than 1e15 steps")
     m, n = round(tau/dt), round(duration/dt)
@@ -670,11 +684,14 @@ def simulate(loop, duration=None, dt=None, tau=None, *, method="euler", record=2
     if duration < tau*(1 - 1e-9):
         raise ParameterError(f"simulate: duration = {duration:g} s is not allowed; it must be at least tau = {tau:g} s")
     for name, (meta, value, _) in loop.settable().items():
-        if meta.samples and not (value > 0.5*tau and abs(value/tau - round(value/tau)) < 1e-9*value/tau):
+        count = value/tau if meta.samples else 1.0
+        if not 0.5 < count < 1e15 or abs(count - round(count)) >= 1e-9*count:
             raise ParameterError(f"simulate: {name} = {value:g} s is not allowed; it must be a multiple of tau = {tau:g} s")
     chosen("simulate", "method", method, METHODS)
     record = Param(low=1).check("simulate", "record", record, int)
     tail = Param(low=0.0, high=1.0).check("simulate", "tail", tail)
+    if min(record, n) > ROWS:
+        raise refused("simulate", "record", record, f"at most {ROWS:g}, as there are {n:g} steps")
 
     if jit:
         from numba import config

@@ -5,6 +5,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
+from .param import Param, given
 from .signal import flat, shape
 
 __all__ = ["Metrics", "channel_figures", "metrics", "reaching_time"]
@@ -87,7 +88,17 @@ def reaching_time(run, band=None):
     list of float
         [s], resolved to one recorded row; infinite if \\|sigma\\| is outside at the end, or the run diverged; NaN without a band
         where the run ended before its tail.
+
+    Raises
+    ------
+    ParameterError
+        Something else than a run, or a band that is negative or not finite.
     """
+    from .engine import Run  # which imports this module
+
+    given("reaching_time", "run", run, Run, "a Run, such as simulate(loop) gives")
+    if band is not None:
+        band = Param(low=0.0, unit="[sigma]").check("reaching_time", "band", band)
     times = []
     many = _many(run)
     tails = run.tail_sigma if isinstance(run.tail_sigma, tuple) else (run.tail_sigma,)

@@ -4,11 +4,16 @@ import difflib
 import inspect
 import math
 import numbers
-import sys
+import reprlib
 from dataclasses import dataclass
 from typing import get_args
 
-__all__ = ["Param", "ParameterError", "chosen", "declared", "positive", "unknown"]
+import numpy as np
+
+__all__ = ["Param", "ParameterError", "chosen", "declared", "function", "given", "listed", "number",
+           "positive", "real", "refused", "said", "several", "switch", "texted", "unknown"]
+
+MOST, MANY = 160, 400  # characters of a value, and of a list of names, that a message shows
 
 
 class ParameterError(ValueError):
@@ -50,17 +55,35 @@ class Param:
     samples: bool = False
     hidden: bool = False
 
+    def __post_init__(self):
+        for n in ("symbol", "unit", "help"):
+            texted("Param", n, getattr(self, n))
+        for n in ("log", "samples", "hidden"):
+            switch("Param", n, getattr(self, n))
+        slider = self.slider if isinstance(self.slider, (tuple, list)) else (math.nan,)
+        bounds = (("low", self.low), ("high", self.high), *(("slider", v) for v in slider))
+        for n, v in bounds:
+            if not (isinstance(v, float) or abs(number(v)) < math.inf) or v != v:
+                what = "two numbers that rise" if n == "slider" else "a number"
+                raise refused("Param", n, getattr(self, n), what)
+        if slider and not (len(slider) == 2 and slider[0] <= slider[1]):
+            raise refused("Param", "slider", self.slider, "two numbers that rise")
+        if self.low > self.high:
+            raise refused("Param", "low", self.low, f"at most high = {said(self.high)}")
+        for n, v in (("low", self.low), ("high", self.high)):
+            if not isinstance(v, (int, float)):  # a fraction or a number of numpy
+                object.__setattr__(self, n, float(v))
+
     def check(self, owner, name, value, kind=float):
         """Return `value` as `kind` (float, int, bool or a Literal) if it is allowed, else raise `ParameterError`."""
         if choices := get_args(kind):
             return chosen(owner, name, value, choices)
         if kind is bool:
-            if isinstance(value, bool) or type(value).__name__ == "bool":
-                return bool(value)
-            raise ParameterError(f"{owner}: {name} = {value!r} is not allowed; it is a switch, True or False")
-        good = isinstance(value, numbers.Real) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
-        if not (good and self.low <= value <= self.high and (kind is float or value == int(value))):
-            raise ParameterError(f"{owner}: {name} = {_said(value, self.unit)} is not allowed; it must be {self.allowed(kind)}")
+            return switch(owner, name, value)
+        size = number(value)
+        whole = kind is float or size.is_integer()
+        if not (self.low <= size <= self.high and math.isfinite(size) and whole):
+            raise refused(owner, name, value, self.allowed(kind), self.unit)
         return kind(value)
 
     def allowed(self, kind=float):
@@ -74,17 +97,101 @@ class Param:
         return what + (f"{' ' if low or high else ', in '}{self.unit}" if self.unit != "1" else "")
 
 
-def _said(value, unit):
-    said = f"{value:g}" if isinstance(value, float) else repr(value)
-    if isinstance(value, float) and float(said) != value:  # 1.0000001, not "1 is not allowed; it must be at most 1"
-        said = repr(float(value))
-    return said + (f" {unit}" if unit != "1" and isinstance(value, numbers.Real) else "")
+def real(value):
+    """Whether a value is a real number: no switch, and no duration, which to numpy is a number."""
+    return isinstance(value, numbers.Real) and not isinstance(value, (bool, np.timedelta64))
+
+
+def number(value):
+    """A real number as float; NaN of anything else, and infinity of what is beyond float64."""
+    try:
+        return float(value) if real(value) else math.nan
+    except OverflowError:  # a whole number of more than 308 digits
+        return math.inf
+
+
+class _Short(reprlib.Repr):
+    """Texts of values of any size, in one line."""
+
+    def __init__(self):
+        super().__init__()
+        self.maxstring = self.maxlong = 60
+        self.maxother, self.maxlevel = MOST, 3
+
+    def repr_int(self, x, level):
+        if abs(x) >= 10**self.maxlong:  # Python itself refuses to write thousands of digits
+            return f"{'-'*(x < 0)}1e{int(x.bit_length()*math.log10(2))} or so"
+        return repr(x)
+
+    def repr_instance(self, x, level):
+        return " ".join(super().repr_instance(x, level).split())
+
+
+_short = _Short()
+
+
+def said(value, unit="1"):
+    """Text of any value for a message: a number with its unit, anything else in short."""
+    number = real(value)
+    if number and not isinstance(value, numbers.Rational):
+        value = float(value)
+        text = f"{value:g}"
+        text = text if float(text) == value or value != value else repr(value)  # 1.0000001, not 1
+    else:
+        text = _short.repr(int(value) if number and isinstance(value, numbers.Integral) else value)
+    text = text if len(text) <= MOST else f"{text[:MOST - 3]}..."
+    return text + (f" {unit}" if unit != "1" and number else "")
+
+
+def listed(names, none="nothing"):
+    """Text of a list of names for a message, cut where it gets long."""
+    names, text = [str(n) if len(str(n)) <= 60 else said(str(n)) for n in names], ""
+    for i, n in enumerate(names):
+        if len(text) + len(n) > MANY:
+            return f"{text}, ... ({len(names)} in all)"
+        text += ", "*(i > 0) + n
+    return text or none
+
+
+def refused(owner, name, value, must, unit="1"):
+    """The error for a value that is not allowed; `must` says what it must be."""
+    value = said(value, unit)
+    return ParameterError(f"{owner}: {name} = {value} is not allowed; it must be {must}")
 
 
 def chosen(owner, name, value, allowed):
     """Return `value` if it is one of the texts `allowed`, else raise `ParameterError`."""
     if not (isinstance(value, str) and value in allowed):
-        raise ParameterError(f"{owner}: {name} = {value!r} is not allowed; it must be one of {', '.join(map(repr, allowed))}")
+        raise refused(owner, name, value, f"one of {listed(map(repr, allowed))}")
+    return value
+
+
+def switch(owner, name, value):
+    """Return `value` as bool if it is True or False, else raise `ParameterError`."""
+    if not isinstance(value, (bool, np.bool_)):
+        raise ParameterError(f"{owner}: {name} = {said(value)} is not allowed; it is a switch, "
+                             "True or False")
+    return bool(value)
+
+
+def texted(owner, name, value):
+    """Return `value` if it is text, else raise `ParameterError`."""
+    if not isinstance(value, str):
+        raise refused(owner, name, value, "text")
+    return value
+
+
+def function(owner, name, value):
+    """Return `value` if it can be called or is None, else raise `ParameterError`."""
+    if not (value is None or callable(value)):
+        raise refused(owner, name, value, "a function")
+    return value
+
+
+def given(owner, name, value, kind, what):
+    """Return `value` if it is of `kind`, `what` in words, else raise `ParameterError`."""
+    if not isinstance(value, kind):
+        raise refused(owner, name, value, what)
     return value
 
 
@@ -92,7 +199,7 @@ def positive(owner, name, value, unit="s"):
     """Return a positive finite number as float, else raise `ParameterError`."""
     value = Param(unit=unit).check(owner, name, value)
     if value <= 0.0:
-        raise ParameterError(f"{owner}: {name} = {_said(value, unit)} is not allowed; it must be larger than 0 {unit}")
+        raise refused(owner, name, value, f"larger than 0 {unit}", unit)
     return value
 
 
@@ -122,8 +229,16 @@ def _meta(annotation):
     return next((m for m in (annotation, *getattr(annotation, "__metadata__", ())) if isinstance(m, Param)), None)
 
 
+def several(owner, name, values):
+    """The items of any sequence but a text, as a tuple, else `ParameterError`."""
+    if isinstance(values, (str, bytes)) or not np.iterable(values):
+        raise refused(owner, name, values, "a sequence of numbers")
+    return tuple(values)
+
+
 def unknown(owner, name, known):
     """The error for a name that `owner` does not have."""
     near = difflib.get_close_matches(name, known, 1)
-    return ParameterError(f"{owner} has no '{name}'" + (f"; did you mean '{near[0]}'?" if near else ".")
-                          + f" It has: {', '.join(known) or 'nothing to set'}")
+    return ParameterError(f"{owner} has no {said(name)}"
+                          + (f"; did you mean {said(near[0])}?" if near else ".")
+                          + f" It has: {listed(known, 'nothing to set')}")

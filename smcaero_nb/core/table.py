@@ -9,12 +9,17 @@ from functools import cached_property
 
 import numpy as np
 
-from .param import ParameterError
+from .param import ParameterError, listed, refused, said
 
 __all__ = ["Table"]
 
 DELIMITERS = {",": "comma", ";": "semicolon", "\t": "tab", None: "blank"}
 LONGEST = 131_072  # characters of a field in quotes
+NUMBER = re.compile(r"[+-]?(\d+[.,]?\d*|[.,]\d+)(e[+-]?\d+)?", re.I)  # with one mark at most
+GROUPED = re.compile(r"[+-]?[1-9]\d{0,2}[.,]\d{3}")  # its mark may separate thousands or decimals
+#: {mark: numbers whose thousands it separates, with the other one before the decimals}
+THOUSANDS = {".": re.compile(r"[+-]?\d{1,3}(\.\d{3})+(,\d*)?"),
+             ",": re.compile(r"[+-]?\d{1,3}(,\d{3})+(\.\d*)?")}
 SECONDS = {"": 1.0, "s": 1.0, "sec": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "ns": 1e-9, "min": 60.0,
            "h": 3600.0}
 
@@ -33,7 +38,10 @@ class Table:
 
     Commas, semicolons, tabs or blanks stand between the numbers; lines that begin with ``#`` or ``%`` are passed over, and a
     unit stands in brackets behind the name: ``time [ms]``, ``theta (rad)``. With semicolons, tabs or blanks a comma in a number
-    is its decimal point. What is neither UTF-8 nor UTF-16 with its mark is read as Windows-1252.
+    is its decimal point. Where a number has both marks, as 1.234,5 or 1,234.5, the first separates
+    thousands in the whole file. Where some numbers have commas and others points, one such as 1.234
+    may mean either and is refused. What is neither UTF-8 nor UTF-16 with its mark is read as
+    Windows-1252.
 
     Parameters
     ----------
@@ -59,14 +67,14 @@ class Table:
         stream = hasattr(source, "read")
         name = getattr(source, "name", None) if stream else source
         if not stream and not isinstance(source, (str, os.PathLike)):
-            raise ParameterError(f"{owner}: path = {source!r} is not allowed; it must be a path or an open file")
+            raise refused(owner, "path", source, "a path or an open file")
         path = pathlib.Path(name if isinstance(name, (str, os.PathLike)) else "file")  # that of a temporary file is a number
         self.owner, self.file, self.name, self._serves = owner, path.name, path.stem, {}
         try:
             text = source.read() if stream else path.read_bytes()
             text = _decoded(text) if isinstance(text, bytes) else text
         except (OSError, ValueError) as why:  # ValueError: what is no text, a path with a NUL, a file that is closed
-            self.refuse(f"cannot be read: {why}")
+            self.refuse(f"cannot be read: {getattr(why, 'strerror', None) or why}")
         lines = [(i, q) for i, q in enumerate(text.splitlines(), 1)
                  if q.strip() and q.strip()[0] not in "#%" and not q.lower().startswith("sep=")]
         if len(lines) < 2:
@@ -79,7 +87,8 @@ class Table:
         columns = [re.match(r"([^\[(]*)(?:[\[(]([^\])]*))?", q).groups("") for q in self._split(head)]
         self.names, self.units = [n.strip() for n, _ in columns], [u.strip() for _, u in columns]
         if any(math.isfinite(self._number(n)) for n in self.names):
-            self.refuse(f"the first line must hold the names of the columns, not numbers ({', '.join(self.names[:4])})", self.top)
+            self.refuse("the first line must hold the names of the columns, not numbers "
+                        f"({listed(self.names[:4])})", self.top)
         if len(self.names) < 2:
             self.refuse(f"only one column ('{self.names[0]}') was found; time and output are needed", self.top)
 
@@ -90,7 +99,8 @@ class Table:
 
     def refuse(self, said, line=0):
         """Raise `ParameterError`, naming the file and the line."""
-        raise ParameterError(f"{self.owner}: {self.file}" + f", line {line}"*(line > 0) + f": {said}") from None
+        at = listed([self.file]) + f", line {line}"*(line > 0)
+        raise ParameterError(f"{self.owner}: {at}: {said}") from None
 
     def _split(self, line):
         if self.sep is None:
@@ -104,6 +114,42 @@ class Table:
         except ValueError:
             return math.nan
 
+    @cached_property
+    def marks(self):
+        """{mark: its first line} of separators of thousands, and of the marks in numbers with one.
+
+        Empty where every number of the file has the same mark.
+        """
+        thousands, single = {}, {}
+        if self.sep == "," or not all(any(m in q for q in self._rows) for m in ",."):
+            return thousands, single
+        for line, fields in zip(self.lines, self.rows, strict=True):
+            for f in fields:
+                for mark, pattern in THOUSANDS.items():
+                    if mark in f and NUMBER.fullmatch(f):
+                        single.setdefault(mark, line)
+                    elif "," in f and "." in f and pattern.fullmatch(f):
+                        thousands.setdefault(mark, line)
+        return thousands, single if thousands or len(single) > 1 else {}
+
+    def _unclear(self, field):
+        """The line that makes the mark of a number ambiguous, or 0."""
+        thousands, single = self.marks
+        mark = next((m for m in ",." if m in field), None)
+        if not mark or not NUMBER.fullmatch(field):
+            return 0
+        if thousands:
+            known = mark not in thousands or THOUSANDS[mark].fullmatch(field)
+            return 0 if known and len(thousands) == 1 else next(iter(thousands.values()))
+        return single["," if mark == "." else "."] if single and GROUPED.fullmatch(field) else 0
+
+    def _plain(self, field):
+        """A number without its separators of thousands."""
+        for mark in self.marks[0]:
+            if THOUSANDS[mark].fullmatch(field):
+                return field.replace(mark, "")
+        return field
+
     def column(self, what, name):
         """The numbers of a column, and its unit.
 
@@ -112,21 +158,30 @@ class Table:
         ParameterError
             It is not there, or serves as something else, or a field is not a finite number, by line and column.
         """
-        if name not in self.names:
-            self.refuse(f"{what} = {name!r} is not there; the columns are {', '.join(self.names)}", self.top)
+        if not isinstance(name, str) or name not in self.names:
+            self.refuse(f"{what} = {said(name)} is not there; the columns are {listed(self.names)}",
+                        self.top)
         if self.names.count(name) > 1:
-            self.refuse(f"{what} = {name!r} stands over {self.names.count(name)} columns; give each a name of its own", self.top)
+            self.refuse(f"{what} = {said(name)} stands over {self.names.count(name)} columns; give "
+                        "each a name of its own", self.top)
         if (other := self._serves.setdefault(name, what)) != what:
-            self.refuse(f"{what} = {name!r} serves as {other} already; each needs a column of its own", self.top)
+            self.refuse(f"{what} = {said(name)} serves as {other} already; each needs a column of "
+                        "its own", self.top)
         j = self.names.index(name)
-        values = np.empty(len(self.rows))
+        values, mixed = np.empty(len(self.rows)), any(self.marks)
         for k, (line, fields) in enumerate(zip(self.lines, self.rows, strict=True)):
             if len(fields) != len(self.names):
                 self.refuse(f"{len(fields)} columns, but the names are {len(self.names)}; the delimiter is "
                             f"{DELIMITERS[self.sep]}", line)
-            values[k] = self._number(fields[j])
+            if mixed and (other := self._unclear(fields[j])):
+                self.refuse(f"column {j + 1} ('{name}'): {said(fields[j])} may mean thousands or "
+                            "decimals, because the numbers of the file have commas and points "
+                            f"(line {other}); write all of them with one decimal mark and without "
+                            "separators of thousands", line)
+            values[k] = self._number(self._plain(fields[j]) if mixed else fields[j])
             if not math.isfinite(values[k]):
-                self.refuse(f"column {j + 1} ('{name}'): {fields[j][:60]!r} is not a finite number", line)
+                self.refuse(f"column {j + 1} ('{name}'): {said(fields[j])} is not a finite number",
+                            line)
         return values, self.units[j]
 
     def times(self, name):

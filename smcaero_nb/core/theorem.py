@@ -2,6 +2,7 @@ r"""What a law's theorem assumes of the perturbation, and what the perturbation 
 
 import numpy as np
 
+from .param import switch, texted
 from .signal import flat
 
 __all__ = ["degree", "doubts", "exceeds", "laws", "perturbation"]
@@ -26,7 +27,15 @@ def exceeds(name, symbol="|xi|", rate=False):
     -------
     function
         ``f(values, xi, dxi)``: None, or the sentence that says what does not hold.
+
+    Raises
+    ------
+    ParameterError
+        A name or symbol that is not text, a rate that is not a switch.
     """
+    name, symbol = texted("exceeds", "name", name), texted("exceeds", "symbol", symbol)
+    rate = switch("exceeds", "rate", rate)
+
     def condition(values, xi, dxi):
         size, unit = (dxi, "[v]/s") if rate else (xi, "[v]")
         if size > MARGIN*values[name]:

@@ -5,7 +5,8 @@ import math
 import numpy as np
 
 from ..core import Param, ParameterError
-from .record import EVEN, gap, record, refuse
+from ..core.samples import finite, record
+from .record import EVEN, gap
 
 __all__ = ["lipschitz", "scale"]
 
@@ -57,9 +58,19 @@ def lipschitz(t, f, n_d):
 
 def scale(t, f, n_d):
     """The bound, the time over which the derivative n_d + 1 stands out of the noise, and where the pieces between gaps begin."""
-    t, f = record("lipschitz", t, f)
+    t, f = record("lipschitz", t, f, "f")
     n_d = Param(low=0, high=12).check("lipschitz", "n_d", n_d, int)
-    refuse("lipschitz", t, f)
+    finite("lipschitz", t, f, "f")
+    with np.errstate(all="ignore"):
+        found = _scale(t, f, n_d)
+    if not 0.0 < found[0] < np.inf:
+        raise ParameterError(f"lipschitz: the bound of derivative {n_d + 1} is beyond float64, "
+                             f"with t from {t[0]:g} to {t[-1]:g} s and f up to {np.abs(f).max():g}; "
+                             "count time or f in other units")
+    return found
+
+
+def _scale(t, f, n_d):
     steps = np.diff(t)
     edges = np.array([0, *(np.flatnonzero(steps > gap(t)) + 1), len(t)])
     i = np.argmax(np.diff(edges))

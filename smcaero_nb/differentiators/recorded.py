@@ -8,10 +8,11 @@ import numpy as np
 
 from ..core import ParameterError
 from ..core.cache import compiled, fingerprint, kept
+from ..core.samples import finite, record
 from ..core.signal import text
 from .lipschitz import scale
-from .record import EVEN, gap, record, refuse
-from .sampled import differentiator
+from .record import EVEN, gap
+from .sampled import differentiator, orders
 
 __all__ = ["differentiate"]
 
@@ -82,14 +83,15 @@ def differentiate(t, f, L, n_d, n_f=0, method="levant"):
     Raises
     ------
     ParameterError
-        Shapes that do not fit, times that do not increase, samples that are no numbers, uneven steps with `implicit`, an
-        order, a method or a bound that is not allowed.
+        Shapes that do not fit, times that do not increase, samples that are not real finite numbers
+        (masked, complex, dates, text, switches), uneven steps with `implicit`, an order, a method
+        or a bound that is not allowed.
 
     Warns
     -----
     UserWarning
         The record has gaps, steps of more than ten times what nine of ten do not exceed: they are named, and after each the
-        estimates start anew. And as `differentiator`.
+        estimates start anew. Estimates beyond float64. And as `differentiator`.
 
     Notes
     -----
@@ -109,7 +111,8 @@ def differentiate(t, f, L, n_d, n_f=0, method="levant"):
     >>> differentiate(t, np.sin(t), 1.0, 1)[:, -1].round(3)  # sin 5 = -0.959, cos 5 = 0.284
     array([-0.959,  0.283])
     """
-    t, f = record("differentiate", t, f)
+    t, f = record("differentiate", t, f, "f")
+    n_d, n_f = orders("differentiate", n_d, n_f)
     blk = differentiator(n_d, n_f, method)
     first = np.array([blk.z0])
     if isinstance(L, str) and L == "auto":
@@ -118,16 +121,19 @@ def differentiate(t, f, L, n_d, n_f=0, method="levant"):
     blk = blk.with_(L=L)
     longest, even = gap(t), 0.0
     if method == "implicit" or not longest < math.inf:  # or the pass would not even start
-        refuse("differentiate", t, f)
+        finite("differentiate", t, f, "f")
     if method == "implicit":
         even = np.diff(t)
         even = float(even[even <= longest].mean())
     out = np.empty((n_d + 1, len(t)))
     k, gaps = _pass(method, blk, n_d)(t, f, out, first, blk.values["L"], longest, even)
     if k < len(t):
-        refuse("differentiate", t, f)
+        finite("differentiate", t, f, "f")
         raise ParameterError(f"differentiate: method = 'implicit' needs even steps, but that from t[{k}] = {t[k]:g} s is "
                              f"{t[k + 1] - t[k]:g} s, their mean {even:g} s; method = 'levant' takes any")
+    if not np.isfinite(out).all():
+        warnings.warn("differentiate: estimates are beyond float64; count time or f in other units",
+                      UserWarning, stacklevel=2)
     if gaps:
         at = np.flatnonzero(np.diff(t) > longest)
         said = ", ".join(f"{t[i + 1] - t[i]:g} s from t = {t[i]:g} s" for i in at[:3]) + (", ..." if gaps > 3 else "")

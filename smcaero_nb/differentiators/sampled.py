@@ -185,12 +185,17 @@ def differentiator(n_d, n_f=0, method="levant", of="e"):
     >>> differentiator(2)(0.9, (1.0, 2.0, 3.0, 1.0), 0.01, L=2.0)[0]
     (1.0, 2.0, 3.0)
     """
-    n_d = Param(low=0, high=12).check("differentiator", "n_d", n_d, int)
-    n_f = Param(low=0, high=12 - n_d).check("differentiator", "n_f", n_f, int)
+    n_d, n_f = orders("differentiator", n_d, n_f)
     if n_d + n_f > LIMIT:
         warnings.warn(f"differentiator: n_d + n_f = {n_d + n_f} is more than float64 serves: above {LIMIT} rounding keeps the "
                       "highest derivatives from any accuracy", UserWarning, stacklevel=2)
     return _made(n_d, n_f, chosen("differentiator", "method", method, METHODS), chosen("differentiator", "of", of, ("e", "y")))
+
+
+def orders(owner, n_d, n_f):
+    """The two orders as whole numbers if they are allowed, else `ParameterError`."""
+    n_d = Param(low=0, high=12).check(owner, "n_d", n_d, int)
+    return n_d, Param(low=0, high=12 - n_d).check(owner, "n_f", n_f, int)
 
 
 @functools.cache

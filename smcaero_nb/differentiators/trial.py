@@ -9,6 +9,8 @@ from typing import Annotated, Literal, NamedTuple
 import numpy as np
 
 from ..core import Param, ParameterError, Table, block
+from ..core.param import refused
+from ..core.samples import finite, record
 from .lipschitz import lipschitz
 from .recorded import differentiate
 from .sampled import LOW, METHODS, per
@@ -117,8 +119,20 @@ def read_csv(path, t=None, f=None):
     Not in the paper.
     """
     table = Table("differentiators.read_csv", path)
-    t, f = t or table.names[0], f or table.names[1]
+    t, f = (n if given is None else given for n, given in zip(table.names, (t, f), strict=False))
     return Signal(table.times(t), table.column("f", f)[0], table.name, table.about(t=t, f=f))
+
+
+def _recorded(signal):
+    """Times and samples of a signal, checked, as arrays of the trial's own."""
+    try:
+        t, f = signal[:2]
+    except (TypeError, ValueError, LookupError):
+        raise refused("differentiators.trial", "signal", signal,
+                      "(t, f), or what read_csv gives") from None
+    t, f = (q.copy() for q in record("differentiators.trial", t, f, "f"))
+    finite("differentiators.trial", t, f, "f")
+    return t, f
 
 
 def trial(signal=None):
@@ -139,7 +153,8 @@ def trial(signal=None):
     Raises
     ------
     ParameterError
-        When it is called: what `differentiate` raises; fewer than 100 or more than 500 000 samples.
+        A record that `differentiate` would refuse. When it is called: what `differentiate` raises;
+        fewer than 100 or more than 500 000 samples.
 
     Warns
     -----
@@ -163,7 +178,7 @@ def trial(signal=None):
         return differentiate(t, f, "auto" if found else L, **how), used
 
     if signal is not None:
-        t, f = (np.array(q, float) for q in signal[:2])
+        t, f = _recorded(signal)
 
         def differentiation(n_d: Order = 2, n_f: Filter = 0, method: Method = "levant", found: Found = True, L: Bound = GUESS):
             z, L = estimated(t, f, L, found, dict(n_d=n_d, n_f=n_f, method=method))

@@ -49,6 +49,7 @@ class Analysis:
     reason: str = ""
 
 
+@np.errstate(over="ignore")  # evidence beyond float64 is infinite, and the answer does not need it
 def analyse(t, away, start, n, h, alpha):
     """Differentiate with order k = 1, 2, ... and see which z_k steps within `n` samples, `h` apart, from the index `start` on.
 

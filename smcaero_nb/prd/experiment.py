@@ -7,7 +7,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 
 from ..core import Param, ParameterError, block
-from .identify import DEFAULT, SHORTEST, SPAN, identify
+from .identify import DEFAULT, SHORTEST, SPAN, identify, named, recorded
 from .records import Record
 from .results import PRDResult, PRDSweep, VectorPRD
 
@@ -63,7 +63,7 @@ def experiment(source, window=DEFAULT, **settings):
     Raises
     ------
     ParameterError, BlockError
-        As `identify`, when it is called.
+        As `identify`, when it is called; a source or a setting that does not exist, at once.
 
     Notes
     -----
@@ -74,7 +74,8 @@ def experiment(source, window=DEFAULT, **settings):
     >>> print(experiment(smc.lv.transfer_function())())
     The experimentally determined PRD is equal to 5
     """
-    source = Record(*source) if isinstance(source, tuple) else source
+    source = recorded("prd.experiment", source)
+    named("prd.experiment", settings, ("output", "surface", "x0"))
 
     @functools.lru_cache(8)
     def swept(windows, **how):

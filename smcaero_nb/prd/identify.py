@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 
 from ..core import Block, ClosedLoop, Param, ParameterError
-from ..core.param import positive
+from ..core.param import positive, several, unknown
 from .analyser import ORDERS, Analysis, analyse
-from .models import responses
+from .models import model, responses
 from .power_law import PowerLaw, extrapolated, power_law
 from .records import Record
 from .results import PRDResult, PRDSweep, VectorPRD
@@ -32,6 +32,8 @@ def _ripple(y):
 
 def _fits(record, window):
     """Samples in a window and in its span; None where the record is too short or too coarse for it."""
+    if not window < record.t[-1] - record.t[0]:
+        return None
     n = round(window/record.h)
     span = round(SPAN*n)
     usable = np.searchsorted(record.t, record.until, "right")
@@ -107,6 +109,16 @@ def _searched(record, alpha):
     why = "the methods agree at no short time scale" if len(results) > 1 else "only one window fits, and it takes two to compare"
     return replace(seen[0], prd=None, confirmed=False, gain=np.nan, reason=f"{why} (power law: {said}); give a window, or a "
                    "record with less noise or more samples")
+
+
+def recorded(owner, source):
+    """The source if it is one, a tuple made a `Record`."""
+    if isinstance(source, tuple):
+        if len(source) != 4:
+            raise ParameterError(f"{owner}: source has {len(source)} parts; it must be (t, y, "
+                                 "step_time, amplitude)")
+        source = Record(*source)
+    return source if isinstance(source, Record) else model(owner, source)
 
 
 def identify(source, *, output=None, surface=None, window=None, alpha=0.1, amplitude=1.0, noise=0.0, x0=None):
@@ -199,18 +211,15 @@ def identify(source, *, output=None, surface=None, window=None, alpha=0.1, ampli
     alpha = ALPHA.check("prd.identify", "alpha", alpha)
     window = None if window is None else positive("prd.identify", "window", window)
     noise = NOISE.check("prd.identify", "noise", noise)
-    if isinstance(source, tuple):
-        if len(source) != 4:
-            raise ParameterError(f"prd.identify: source has {len(source)} parts; it must be (t, y, step_time, amplitude)")
-        source = Record(*source)
-    if (output or surface) and not isinstance(source, (Block, ClosedLoop)):
+    source = recorded("prd.identify", source)
+    if not (output is None and surface is None) and not isinstance(source, (Block, ClosedLoop)):
         raise ParameterError("prd.identify: output and surface are for a plant block or a loop; this source has its own output")
     if x0 is not None and isinstance(source, (Record, Block, ClosedLoop)):
         raise ParameterError("prd.identify: x0 is for a NonlinearIOSystem; a block starts from its initial states")
-    if isinstance(source, Record):
-        return _judged([[source]], window, alpha, noise)
     if Param(unit="[u]").check("prd.identify", "amplitude", amplitude) == 0.0:
         raise ParameterError("prd.identify: amplitude = 0 [u] is not allowed; without a step there is no response")
+    if isinstance(source, Record):
+        return _judged([[source]], window, alpha, noise)
     window = window or DEFAULT
     return _judged(responses(source, output, surface, window, amplitude, x0), window, alpha, noise)
 
@@ -238,6 +247,13 @@ def _judged(records, window, alpha, noise):
     return VectorPRD(rows, prd, not why, window, why)
 
 
+def named(owner, settings, known):
+    """Raise `ParameterError` if a setting is not known."""
+    for name in settings:
+        if name not in known:
+            raise unknown(owner, name, known)
+
+
 def sweep(source, windows, **settings):
     """The practical relative degree against the time scale.
 
@@ -258,7 +274,7 @@ def sweep(source, windows, **settings):
     Raises
     ------
     ParameterError, BlockError
-        As `identify`.
+        As `identify`; no window at all.
 
     Notes
     -----
@@ -270,5 +286,9 @@ def sweep(source, windows, **settings):
     >>> sweep(smc.lv.transfer_function(), (0.02, 0.3, 0.6)).prd
     (5, 3, 2)
     """
-    windows = tuple(positive("prd.sweep", "windows", w) for w in (windows if np.iterable(windows) else [windows]))
+    named("prd.sweep", settings, ("output", "surface", "alpha", "amplitude", "noise", "x0"))
+    windows = several("prd.sweep", "windows", windows if np.iterable(windows) else [windows])
+    windows = tuple(positive("prd.sweep", "windows", w) for w in windows)
+    if not windows:
+        raise ParameterError("prd.sweep: windows is empty; it must be one time scale [s] or more")
     return PRDSweep(windows, tuple(identify(source, window=w, **settings) for w in windows))

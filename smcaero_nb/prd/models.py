@@ -8,10 +8,12 @@ import numpy as np
 from ..core import Block, BlockError, ClosedLoop, ParameterError, block, simulate
 from ..core.engine import inputs
 from ..core.metrics import heads
+from ..core.param import given
+from ..core.samples import numbers
 from ..interop import matrices
 from .records import Record
 
-__all__ = ["responses"]
+__all__ = ["model", "responses"]
 
 SAMPLES = 200  # in one window
 REST, MOTION = 250, 260  # before and after the step
@@ -19,19 +21,28 @@ FINE = 2.0  # integration steps in the fastest time constant of a model, at leas
 COMPILED, PLAIN = 20000, 100  # at most in one sample
 
 
+def model(owner, source):
+    """The source if it is a model, else `ParameterError`."""
+    control = sys.modules.get("control")  # who has a system of python-control has imported it
+    names = ("TransferFunction", "StateSpace", "NonlinearIOSystem") if control else ()
+    kinds = (Block, ClosedLoop, *(getattr(control, n) for n in names))
+    return given(owner, "source", source, kinds, "a plant block, a ClosedLoop, a control system, a "
+                 "Record or (t, y, step_time, amplitude)")
+
+
 def responses(source, output, surface, window, amplitude, x0):
     """[output][input] of the records of a model, each input stepped by itself; the unforced motion is taken off."""
     h = window/SAMPLES
-    control = sys.modules.get("control")  # who has a system of python-control has imported it
+    control = sys.modules.get("control")
     if isinstance(source, (Block, ClosedLoop)):
         name, runs = _block(source, output, surface, h, amplitude)
     elif control and isinstance(source, (control.TransferFunction, control.StateSpace)):
+        if x0 is not None:
+            raise ParameterError("prd.identify: x0 is for a NonlinearIOSystem that is not linear; "
+                                 f"the response of {source.name} to a step does not depend on it")
         name, runs = source.name, _linear(source, h, amplitude)
-    elif control and isinstance(source, control.NonlinearIOSystem):
-        name, runs = source.name, _nonlinear(source, h, amplitude, x0)
     else:
-        raise ParameterError(f"prd.identify: source = {type(source).__name__} is not allowed; it must be a plant block, a "
-                             "ClosedLoop, a control system, a Record or (t, y, step_time, amplitude)")
+        name, runs = source.name, _nonlinear(source, h, amplitude, x0)
     t = (np.arange(REST + MOTION) - REST)*h
     many = len(runs[0]) > 1 or len(runs) > 1
     return [[Record(t, y, 0.0, amplitude, name=f"{name}, input {j + 1} to output {i + 1}" if many else name)
@@ -81,10 +92,7 @@ def _nonlinear(source, h, amplitude, x0):
     if not (source.nstates and source.ninputs and source.isctime()):
         raise ParameterError(f"prd.identify: source '{source.name}' has no states, no inputs or is discrete-time; it must have "
                              "both, and be continuous")
-    try:
-        x0 = np.zeros(source.nstates) if x0 is None else np.asarray(x0, float)
-    except (TypeError, ValueError):
-        raise ParameterError(f"prd.identify: x0 = {x0!r} is not allowed; it must be {source.nstates} numbers") from None
+    x0 = np.zeros(source.nstates) if x0 is None else numbers("prd.identify", "x0", x0)
     if x0.shape != (source.nstates,):
         raise ParameterError(f"prd.identify: x0 has the shape {x0.shape}; source '{source.name}' has {source.nstates} states")
 
@@ -110,9 +118,10 @@ def _block(source, output, surface, h, amplitude, most=COMPILED):
     """The block in its loop, the law replaced by the step; Runge and Kutta's fourth order, compiled where steps are many."""
     if isinstance(source, ClosedLoop):
         stages, plant = source.stages, source.stages["plant"]
-        output, surface = output or stages["output"], surface or stages["surface"]
+        output = stages["output"] if output is None else output
+        surface = stages["surface"] if surface is None else surface
     else:
-        plant, output = source, output or getattr(source, "y", None)
+        plant, output = source, getattr(source, "y", None) if output is None else output
     u, d = inputs(plant)
     m = len(u) if isinstance(u, tuple) else 1
     finer = _finer(plant.name, lambda x: plant(*({"t": 0.0, "x": tuple(x), "u": u, "d": d}[n] for n in plant.signals)),
@@ -129,7 +138,7 @@ def _block(source, output, surface, h, amplitude, most=COMPILED):
                        jit=finer > 4 and most > PLAIN)
         if run.diverged_at is not None:
             raise _diverged(plant.name, run.diverged_at - REST*h)
-        s = run.sigma if surface else run.y
+        s = run.y if surface is None else run.sigma
         return np.array(heads(s, (m > 1 or most == PLAIN) and isinstance(s, tuple)))[:, :REST + MOTION]
 
     free = moved()

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..core import Param, ParameterError, Table
+from ..core.param import listed, texted
+from ..core.samples import finite, record
 
 __all__ = ["Record", "read_csv"]
 
@@ -44,8 +46,9 @@ class Record:
     Raises
     ------
     ParameterError
-        Arrays of other shapes, a number that is not finite, times that do not increase or are uneven, a step outside the
-        record, or with fewer than 20 samples before it or 53 after it.
+        Arrays of other shapes or of other things than real finite numbers (masked, complex, dates,
+        text, switches), times that do not increase or are uneven, a step outside the record, or
+        with fewer than 20 samples before it or 53 after it.
 
     Notes
     -----
@@ -61,33 +64,21 @@ class Record:
     about: str = ""
 
     def __post_init__(self):
-        for n, unit in (("t", "s"), ("y", "[y]")):
-            if np.ma.is_masked(getattr(self, n)) or getattr(getattr(self, n), "dtype", np.dtype(float)).kind in "mM":
-                refuse(n, "is masked, or dates; it must be numbers, t in seconds from some time on")
-            try:
-                q = np.array(getattr(self, n), float)
-            except (TypeError, ValueError):
-                refuse(n, "must be a sequence of numbers")
-            if q.ndim != 1:
-                refuse(n, f"has the shape {q.shape}; it must be one-dimensional")
-            if not np.isfinite(q).all():
-                k = np.flatnonzero(~np.isfinite(q))[0]
-                refuse(f"{n}[{k}]", f"= {q[k]:g} {unit} is not allowed; it must be a finite number")
-            object.__setattr__(self, n, q)
+        for n, q in zip("ty", record("prd.Record", self.t, self.y), strict=True):
+            object.__setattr__(self, n, q.copy())  # what is measured stays as it was given
         t, n = self.t, len(self.t)
-        if n != len(self.y):
-            refuse("y", f"has {len(self.y)} values, but t has {n}; they must be as many")
         if n < BEFORE + AFTER:
             refuse("t", f"has {n} values; there must be at least {BEFORE} before the step and {AFTER} after it")
-        if (np.diff(t) <= 0.0).any():
-            k = np.flatnonzero(np.diff(t) <= 0.0)[0] + 1
-            refuse(f"t[{k}]", f"= {t[k]:.10g} s is not allowed after {t[k - 1]:.10g} s; times must increase")
+        finite("prd.Record", t, self.y)
         off = np.abs(t - np.linspace(t[0], t[-1], n))
         if off.max() > JITTER*self.h:
             k = np.argmax(np.abs(np.diff(t) - np.median(np.diff(t)))) + 1
             refuse(f"t[{k}]", f"= {t[k]:.10g} s comes {t[k] - t[k - 1]:.4g} s after the sample before, the median step being "
                    f"{np.median(np.diff(t)):.4g} s; times must be evenly spaced (resample the record)")
-        object.__setattr__(self, "until", t[-1] if self.until == math.inf else self.until)
+        if isinstance(self.until, float) and self.until == math.inf:
+            object.__setattr__(self, "until", t[-1])
+        for name in ("name", "about"):
+            texted("prd.Record", name, getattr(self, name))
         for name, unit in (("step_time", "s"), ("amplitude", "[u]"), ("until", "s")):
             object.__setattr__(self, name, Param(unit=unit).check("prd.Record", name, getattr(self, name)))
         if self.amplitude == 0.0:
@@ -140,18 +131,24 @@ def read_csv(path, t=None, y=None, u=None, *, step_time=None, amplitude=None):
 
     Notes
     -----
-    With semicolons, tabs or blanks a comma in a number is its decimal point. Not in the paper.
+    With semicolons, tabs or blanks a comma in a number is its decimal point. Numbers with commas
+    beside numbers with points are refused where one of them may have a separator of thousands, as
+    1.234 beside 0,5. Not in the paper.
     """
+    for what, n in (("t", t), ("y", y), ("u", u)):
+        if n is not None:
+            texted("prd.read_csv", what, n)
     table = Table("prd.read_csv", path)
-    if len(table.names) > 3 and not (t and y):
-        table.refuse(f"there are {len(table.names)} columns ({', '.join(table.names)}): say which are t and y, and u where there "
-                     "is an input")
-    t, y = t or table.names[0], y or table.names[1]
+    if len(table.names) > 3 and (t is None or y is None):
+        table.refuse(f"there are {len(table.names)} columns ({listed(table.names)}): say which are "
+                     "t and y, and u where there is an input")
+    t, y = (n if given is None else given for n, given in zip(table.names, (t, y), strict=False))
     if u is None and len(table.names) == 3:
         u = next((n for n in table.names if n not in (t, y)), None)
     for name, value, unit in (("step_time", step_time, "s"), ("amplitude", amplitude, "[u]")):
         if value is not None:
             Param(unit=unit).check("prd.read_csv", name, value)
+    step_time, amplitude = (v if v is None else float(v) for v in (step_time, amplitude))
     seconds, (output, _), until = table.times(t), table.column("y", y), math.inf
     if u:
         values, _ = table.column("u", u)

@@ -4,6 +4,7 @@ import math
 from typing import Annotated
 
 from ..core import Param, ParameterError, block
+from ..core.param import refused
 from ..core.signal import sign
 
 __all__ = ["dead_band", "dead_bands", "dither", "modified_sign", "pulse_modulator", "sample_and_hold", "thruster"]
@@ -132,8 +133,8 @@ def dead_bands(table):
     except TypeError:
         rows = []
     if not 1 <= len(rows) <= 3 or any(len(row) != 3 for row in rows):
-        raise ParameterError(f"dead_bands: table = {table!r} is not allowed; it must be one to three rows of "
-                             "(begin [s], end [s], delta)")
+        raise refused("dead_bands", "table", table,
+                      "one to three rows of (begin [s], end [s], delta)")
     columns = {n: Param(unit=unit, low=0.0) for n, unit in (("begin", "s"), ("end", "s"), ("delta", "[sigma]"))}
     rows = [tuple(m.check("dead_bands", f"table[{i}], {n}", v) for (n, m), v in zip(columns.items(), row, strict=True))
             for i, row in enumerate(rows)]

@@ -5,7 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..core import ParameterError
+from ..core import ParameterError, Run
+from ..core.param import given, refused
+from ..core.samples import numbers
 
 __all__ = ["Landing", "Pulses", "landing", "pulses"]
 
@@ -15,13 +17,14 @@ SOFT = {"altitude": (0.5, 1.0, "m"), "velocity": (0.5, 1.0, "m/s"), "pitch error
         "pitch rate": (1.14*DEG, 1.0/DEG, "deg/s")}
 
 
-def said(value):
+def digits(value):
     """Three digits, or a whole number."""
     return f"{value:.3g}" if abs(value) < 1e3 else f"{value:.0f}"
 
 
 def ours(run, owner):
     """Raise `ParameterError` if it is not a run of the lander's plant."""
+    given(owner, "run", run, Run, "a Run, such as simulate(rpl.loop()) gives")
     name = run.loop.stages["plant"].name
     if not {"left", "right", "m", "g_m"} <= set(run.loop.stages["plant"].params):
         raise ParameterError(f"{owner}: a run of the plant {name} is not allowed; it must be one of rpl.lander")
@@ -106,7 +109,8 @@ def landing(run):
     thrust, weight = (p["left"] + p["right"])/12*limits.get("descent__high", math.inf), p["m"]*p["g_m"]
     if thrust <= weight:
         reasons.append(f"full thrust, {thrust:.0f} N, is less than the weight, {weight:.0f} N")
-    reasons += [f"{n} = {said(q*SOFT[n][1])} {SOFT[n][2]} at {t[-1]:.1f} s, not within {SOFT[n][0]*SOFT[n][1]:.3g} {SOFT[n][2]}"
+    reasons += [f"{n} = {digits(q*SOFT[n][1])} {SOFT[n][2]} at {t[-1]:.1f} s, "
+                f"not within {SOFT[n][0]*SOFT[n][1]:.3g} {SOFT[n][2]}"
                 for n, q in sizes.items() if not abs(q) < SOFT[n][0] and not (n == "velocity" and reasons)]
     lost = np.flatnonzero(np.sin(run.x.theta)*thrust <= weight)
     return Landing(float(t[-1]), *sizes.values(), touchdown, float(t[lost[0]]) if len(lost) else None, tuple(reasons))
@@ -164,9 +168,9 @@ def pulses(run, intervals=(0.0, 100.0, 200.0, 240.0)):
     Paper, figures of the off-pulse controls, and eq (59) for the impulse over T.
     """
     ours(run, "pulses")
-    t, tau, ends = run.t, run.tau, np.atleast_1d(intervals)
-    if ends.ndim > 1 or len(ends) < 2 or not (np.diff(ends) > 0.0).all():
-        raise ParameterError(f"pulses: intervals = {intervals!r} is not allowed; it must be two times [s] or more that increase")
+    t, tau, ends = run.t, run.tau, numbers("pulses", "intervals", intervals)
+    if ends.ndim != 1 or len(ends) < 2 or not (ends[1:] > ends[:-1]).all():
+        raise refused("pulses", "intervals", intervals, "two times [s] or more that increase")
     if len(t) < 2 or np.diff(t).max() > tau*(1 + 1e-9):
         raise ParameterError(f"pulses: the run has a row every {np.diff(t).max() if len(t) > 1 else math.inf:g} s; it must have "
                              f"one every tau = {tau:g} s: simulate(..., record={round(run.loop.duration/tau)})")

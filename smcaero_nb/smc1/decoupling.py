@@ -1,11 +1,14 @@
 """Decoupling of several inputs: from the law's v to the inputs u."""
 
+import inspect
 import warnings
 from typing import Annotated
 
 import numpy as np
 
-from ..core import Param, ParameterError, block
+from ..core import Param, block
+from ..core.param import refused
+from ..core.samples import numbers
 from ..core.signal import solved
 
 __all__ = ["decoupling"]
@@ -78,7 +81,7 @@ def decoupling(G0):
     >>> decoupling(((2.0, 1.0), (0.0, 4.0)))((4.0, 8.0))
     (1.0, 2.0)
     """
-    if callable(G0):
+    if inspect.isfunction(G0):
         def law(v, y):
             return solved(G0(y), v)
 
@@ -88,13 +91,10 @@ def decoupling(G0):
 
         law.__name__, law.__doc__ = "decoupling", decoupling.__doc__
         return block(theorem=near)(law)
-    try:
-        G = np.atleast_2d(np.array(G0, float))
-    except (TypeError, ValueError):
-        G = np.empty(0)
+    G = np.atleast_2d(numbers("decoupling", "G0", G0))
     if G.shape not in ((1, 1), (2, 2), (3, 3), (4, 4)) or not np.isfinite(G).all():
-        raise ParameterError(f"decoupling: G0 = {' '.join(repr(G0).split())} is not allowed; it must be a square matrix of "
-                             "finite numbers, 1 x 1 to 4 x 4, or a plain function of y that returns its rows")
+        raise refused("decoupling", "G0", G0, "a square matrix of finite numbers, 1 x 1 to 4 x 4, "
+                      "or a plain function of y that returns its rows")
     m, size = len(G), float(np.abs(G).max())
     names = [[f"G0_{i + 1}{j + 1}" for j in range(m)] for i in range(m)]
     flat = {q: float(G[i, j]) for i, row in enumerate(names) for j, q in enumerate(row)}
