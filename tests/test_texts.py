@@ -15,6 +15,7 @@ import pytest
 
 import smcaero_nb as smc
 from smcaero_nb import ClosedLoop, Param, block
+from smcaero_nb.core.param import said as shortened
 from smcaero_nb.ui import live, mask, plot, upload
 from smcaero_nb.ui.panels import comparison_html, metrics_html, verdict_html
 from smcaero_nb.ui.words import (
@@ -256,9 +257,9 @@ def test_pictures_show_texts_as_typed(several):
 def test_a_mask_shows_texts_as_typed():
     for text in HOSTILE[:100]:
         m, bracketed = mask({text: hostile(text), "b": smc.lv.loop("pd")}), in_brackets(text)
-        for name, said in (("law__rho", text), (f"plant__{text}", f"plant__{text}")):
+        for name, shown in (("law__rho", text), (f"plant__{text}", f"plant__{text}")):
             widget = m.widgets[name]
-            assert typeset(widget.description) == f"{said} {bracketed}" and widget.tooltip == text
+            assert typeset(widget.description) == f"{shown} {bracketed}" and widget.tooltip == text
         assert m.choice.options == (text, "b")
         folds = [f.opener.description for f in m._body.children]
         assert f"law: {text.replace('_', ' ')}" in folds
@@ -268,9 +269,9 @@ def test_a_mask_shows_texts_as_typed():
         assert not any(" " in q for row in m._rows.values() for q in row.box._dom_classes)
         assert m.page.told.names["law__rho"] == (f"law rho {text}", False)
         m.entries["law__rho"].value = text
-        said = read(m._status.value, "span")
-        assert said.startswith(f"{text}: rho = {text!r} is not allowed")
-        assert said.endswith(f", in {text}. It stays at 2.")
+        told = read(m._status.value, "span")
+        assert told.startswith(f"{text}: rho = {shortened(text)} is not allowed")
+        assert told.endswith(f", in {text}. It stays at 2.")
 
 
 def test_why_a_run_diverged_is_said_with_texts_as_typed():
