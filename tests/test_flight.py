@@ -8,8 +8,8 @@ import pytest
 import smcaero_nb as smc
 from smcaero_nb import ParameterError, rpl, simulate
 from smcaero_nb.ui import flight, live, plot
-from smcaero_nb.ui.board import rows
-from smcaero_nb.ui.panels import comparison_html, panels
+from smcaero_nb.ui.curves import comparison_html, panels
+from smcaero_nb.ui.live import rows
 
 
 @pytest.fixture(scope="module")
@@ -188,5 +188,5 @@ def test_tail_figures_of_a_flight_that_ended_before_its_tail_are_unknown():
     m = run.metrics()
     assert run.stopped_at < 100.0 and run.tail == 0.0
     assert np.isnan([*m.tail_e, *m.tail_sigma, *m.reaching_time, *m.variation_u]).all() and np.isfinite([*m.J_e, *m.max_u]).all()
-    assert "reaching time" not in smc.ui.panels.metrics_html(run) and "tail" not in smc.ui.panels.metrics_html(run)
+    assert "reaching time" not in smc.ui.curves.metrics_html(run) and "tail" not in smc.ui.curves.metrics_html(run)
     assert "–" in comparison_html({"paper": run}) and smc.core.reaching_time(run, 1e9) == [0.0, 0.0]

@@ -16,7 +16,7 @@ import smcaero_nb as smc
 from smcaero_nb import ClosedLoop, ParameterError, block
 from smcaero_nb.applications import perturbed_chain
 from smcaero_nb.ui import certificate, compare, flight, live, mask, plot, transfer_function, upload
-from smcaero_nb.ui.panels import panels
+from smcaero_nb.ui.curves import panels
 
 
 @block(state=dict(x=0.5, v=0.0))

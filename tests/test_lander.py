@@ -553,7 +553,7 @@ def test_every_extension_says_so():
               rpl.pid_within):
         switches = [n for n, kind in b.kinds.items() if kind is bool and n not in ("coasts",)]
         assert switches and all(b.params[n].help.startswith("extension:") for n in switches)
-        assert all("extension" in smc.ui.words.label(n, b.params[n]) for n in switches)  # what the mask shows
+        assert all("extension" in smc.ui.text.label(n, b.params[n]) for n in switches)  # what the mask shows
         assert "xtension" in b.__doc__
     for b in (rpl.braking, rpl.conditional_integral, rpl.governed_command):
         assert b.__doc__.strip().startswith("Extension")

@@ -17,8 +17,8 @@ import smcaero_nb as smc
 from smcaero_nb import ClosedLoop, Param, block
 from smcaero_nb.core.param import said as shortened
 from smcaero_nb.ui import live, mask, plot, upload
-from smcaero_nb.ui.panels import comparison_html, metrics_html, verdict_html
-from smcaero_nb.ui.words import (
+from smcaero_nb.ui.curves import comparison_html, metrics_html, verdict_html
+from smcaero_nb.ui.text import (
     doc_html,
     label,
     measure,

@@ -10,8 +10,8 @@ import pytest
 
 import smcaero_nb as smc
 from smcaero_nb import BlockError, ClosedLoop, Param, ParameterError, block, channels
-from smcaero_nb.core import Table
 from smcaero_nb.differentiators import Signal, Trial, differentiate, lipschitz, read_csv, trial
+from smcaero_nb.records import Table
 
 
 def named(text, name="log.csv"):

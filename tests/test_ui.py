@@ -18,10 +18,10 @@ import pytest
 import smcaero_nb as smc
 from smcaero_nb import ClosedLoop, Param, ParameterError, block, channels
 from smcaero_nb.applications.double_integrator import mass, position
-from smcaero_nb.ui import board, live, mask, plot, transfer_function, upload
-from smcaero_nb.ui.panels import panels
-from smcaero_nb.ui.words import doc_html, label, symbol, unit_html
-from smcaero_nb.ui.worker import Dropped, Newest
+from smcaero_nb.ui import live, mask, plot, transfer_function, upload
+from smcaero_nb.ui.curves import panels
+from smcaero_nb.ui.job import Dropped, Newest
+from smcaero_nb.ui.text import doc_html, label, symbol, unit_html
 
 LOOPS = {law: smc.lv.loop(law) for law in smc.lv.PRESETS}
 
@@ -448,7 +448,8 @@ def test_choice_of_a_loop_changes_the_panels():
 @pytest.fixture
 def slow(monkeypatch):
     """A live plot whose runs last until they are told to end, or are cancelled."""
-    real, gate = board.simulate, threading.Event()
+    module, gate = sys.modules[live.__module__], threading.Event()
+    real = module.simulate
 
     def simulate(loop, *args, progress, **options):
         while not gate.wait(0.005):
@@ -457,7 +458,7 @@ def slow(monkeypatch):
 
     picture = live(LOOPS["quasi_smc"])
     picture.wait()
-    monkeypatch.setattr(board, "simulate", simulate)
+    monkeypatch.setattr(module, "simulate", simulate)
     picture.gate = gate
     yield picture
     gate.set()

@@ -1,12 +1,11 @@
-"""The engine: blocks, closed loops, simulation; text files of numbers."""
+"""The engine: blocks, closed loops, simulation."""
 
 from .accuracy import Accuracy, accuracy
+from .assumptions import exceeds
 from .block import Block, BlockError, Channels, block, channels
 from .engine import ClosedLoop, Run, simulate
 from .metrics import Metrics, reaching_time
 from .param import Param, ParameterError
-from .table import Table
-from .theorem import exceeds
 
-__all__ = ["Accuracy", "Block", "BlockError", "Channels", "ClosedLoop", "Metrics", "Param", "ParameterError", "Run", "Table",
+__all__ = ["Accuracy", "Block", "BlockError", "Channels", "ClosedLoop", "Metrics", "Param", "ParameterError", "Run",
            "accuracy", "block", "channels", "exceeds", "reaching_time", "simulate"]

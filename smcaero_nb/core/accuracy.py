@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .assumptions import degree, laws
 from .engine import simulate, timed
 from .param import ParameterError, function, positive, refused, several
 from .signal import flat
-from .theorem import degree, laws
 
 __all__ = ["Accuracy", "accuracy"]
 

@@ -14,12 +14,12 @@ import types
 
 import numpy as np
 
+from .assumptions import doubts, perturbation
 from .block import Block, BlockError, Channels, routed, wanted
 from .cache import compiled, draws, kept, remembered
 from .metrics import channel_figures, metrics
 from .param import Param, ParameterError, chosen, function, given, positive, refused, switch, texted
 from .signal import flat, leaves, shape, text
-from .theorem import doubts, perturbation
 
 __all__ = ["ClosedLoop", "Run", "simulate"]
 

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from ..core import Param, ParameterError
-from ..core.samples import finite, record
+from ..records import finite, record
 from .record import EVEN, gap
 
 __all__ = ["lipschitz", "scale"]

@@ -8,8 +8,8 @@ import numpy as np
 
 from ..core import ParameterError
 from ..core.cache import compiled, fingerprint, kept
-from ..core.samples import finite, record
 from ..core.signal import text
+from ..records import finite, record
 from .lipschitz import scale
 from .record import EVEN, gap
 from .sampled import differentiator, orders

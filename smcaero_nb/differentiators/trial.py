@@ -8,9 +8,9 @@ from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 
-from ..core import Param, ParameterError, Table, block
+from ..core import Param, ParameterError, block
 from ..core.param import refused
-from ..core.samples import finite, record
+from ..records import Table, finite, record
 from .lipschitz import lipschitz
 from .recorded import differentiate
 from .sampled import LOW, METHODS, per

@@ -8,7 +8,7 @@ import math
 from typing import Annotated
 
 from ..core import Param, block
-from ..core.theorem import MARGIN
+from ..core.assumptions import MARGIN
 
 __all__ = ["law", "order", "power", "ratio"]
 

@@ -9,8 +9,8 @@ from ..core import Block, BlockError, ClosedLoop, ParameterError, block, simulat
 from ..core.engine import inputs
 from ..core.metrics import heads
 from ..core.param import given
-from ..core.samples import numbers
 from ..interop import matrices
+from ..records import numbers
 from .records import Record
 
 __all__ = ["model", "responses"]

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..core import Param, ParameterError, Table
+from ..core import Param, ParameterError
 from ..core.param import listed, texted
-from ..core.samples import finite, record
+from ..records import Table, finite, record
 
 __all__ = ["Record", "read_csv"]
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from ..core import ParameterError, Run
 from ..core.param import given, refused
-from ..core.samples import numbers
+from ..records import numbers
 
 __all__ = ["Landing", "Pulses", "landing", "pulses"]
 

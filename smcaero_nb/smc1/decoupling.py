@@ -8,8 +8,8 @@ import numpy as np
 
 from ..core import Param, block
 from ..core.param import refused
-from ..core.samples import numbers
 from ..core.signal import solved
+from ..records import numbers
 
 __all__ = ["decoupling"]
 

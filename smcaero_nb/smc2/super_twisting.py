@@ -4,8 +4,8 @@ import math
 from typing import Annotated
 
 from ..core import Param, block, exceeds
+from ..core.assumptions import MARGIN
 from ..core.signal import sign
-from ..core.theorem import MARGIN
 
 __all__ = ["adaptive_super_twisting", "super_twisting"]
 

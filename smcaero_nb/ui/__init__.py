@@ -1,10 +1,10 @@
 """Masks and live plots: the only home of ipywidgets, anywidget and plotly."""
 
-from .board import Live, live
-from .charts import plot
-from .flight import Flight, flight
-from .form import Mask, mask
-from .own import transfer_function, upload
+from .figures import plot
+from .files import transfer_function, upload
+from .lander import Flight, flight
+from .live import Live, live
+from .mask import Mask, mask
 from .studies import Certificate, Compare, certificate, compare
 
 __all__ = ["Certificate", "Compare", "Flight", "Live", "Mask", "certificate", "compare", "flight", "live", "mask", "plot",

@@ -4,15 +4,14 @@ import ipywidgets as W
 import plotly.graph_objects as go
 
 from ..core import Block, ClosedLoop, ParameterError, accuracy, simulate
-from .board import FIRST, ROWS, Live
-from .charts import figure
-from .form import Page
+from .curves import LAW, comparison_html, draw, panels
+from .figures import figure
 from .given import offered, short
-from .job import Job
-from .panels import LAW, comparison_html, draw, panels
+from .job import Dropped, Job, interrupted
+from .live import FIRST, ROWS, Live
+from .mask import Page
 from .picture import Picture
-from .words import said_html, why_diverged, why_not
-from .worker import Dropped, interrupted
+from .text import said_html, why_diverged, why_not
 
 __all__ = ["Certificate", "Compare", "certificate", "compare"]
 

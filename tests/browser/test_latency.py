@@ -7,10 +7,10 @@ import pytest
 
 pytestmark = pytest.mark.browser
 
-CELL = """import time, smcaero_nb as smc
-from smcaero_nb.ui import board
+CELL = """import sys, time, smcaero_nb as smc
 picture = smc.ui.live(smc.lv.loop("quasi_smc"), states=("beta",))
-real, stored, took = board.simulate, {}, []
+module = sys.modules[type(picture).__module__]
+real, stored, took = module.simulate, {}, []
 
 def key(loop, dt):
     return loop.stages["law"].values["rho"], dt
@@ -36,7 +36,7 @@ ROUNDS = 5
 
 def presses(nb, simulate, dt, keys=KEYS):
     """Latencies of some key presses [ms]."""
-    nb.ask(f"board.simulate, picture.times['dt'] = {simulate}, {dt}")
+    nb.ask(f"module.simulate, picture.times['dt'] = {simulate}, {dt}")
     handle, seen = nb.slider("law__rho"), []
     for i in range(keys):
         nb.page.evaluate("() => { redrawn.length = 0 }")

@@ -10,15 +10,14 @@ import traitlets
 
 from ..core import Block, ClosedLoop, simulate
 from ..core.param import unknown
-from .charts import figure
-from .form import Mask
+from .curves import draw, metrics_html, panels, structure, verdict_html
+from .figures import figure
+from .files import Download
 from .given import names, offered, seconds
-from .job import Job
-from .own import Download
-from .panels import draw, metrics_html, panels, structure, verdict_html
+from .job import Dropped, Job, interrupted
+from .mask import Mask
 from .picture import Picture
-from .words import result_html, why_diverged, why_not
-from .worker import Dropped, interrupted
+from .text import result_html, why_diverged, why_not
 
 __all__ = ["Live", "live"]
 

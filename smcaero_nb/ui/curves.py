@@ -9,9 +9,9 @@ import numpy as np
 import plotly.graph_objects as go
 
 from ..core import Param
+from ..core.assumptions import degree, laws
 from ..core.signal import flat
-from ..core.theorem import degree, laws
-from .words import UNKNOWN, measure, plain, said_html, shown, symbol, unit_html
+from .text import UNKNOWN, measure, plain, said_html, shown, symbol, unit_html
 
 __all__ = ["Curve", "comparison_html", "draw", "metrics_html", "panels", "structure", "verdict_html"]
 

@@ -16,8 +16,8 @@ from ..core import Block, ClosedLoop, ParameterError
 from ..core.block import Channels
 from ..core.param import unknown
 from .given import names, offered
-from .words import doc_html, label, said_html, why_not
-from .worker import RAISED
+from .job import RAISED
+from .text import doc_html, label, said_html, why_not
 
 __all__ = ["Mask", "mask"]
 

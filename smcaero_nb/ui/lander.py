@@ -8,9 +8,9 @@ import numpy as np
 import plotly.graph_objects as go
 
 from ..core import ParameterError, Run
-from .board import Live
-from .form import Page
-from .panels import BOTTOM, COLOURS, LAYOUT, LEGEND, TOP, X_AXIS, Y_AXIS
+from .curves import BOTTOM, COLOURS, LAYOUT, LEGEND, TOP, X_AXIS, Y_AXIS
+from .live import Live
+from .mask import Page
 from .picture import Picture
 
 __all__ = ["Flight", "flight"]

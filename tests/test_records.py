@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from smcaero_nb import ParameterError
-from smcaero_nb.core.samples import numbers
 from smcaero_nb.differentiators import differentiate, lipschitz, trial
 from smcaero_nb.prd import Record, identify
+from smcaero_nb.records import numbers
 
 T = np.arange(200)*0.01
 Y = np.where(T > 0.5, (T - 0.5)**2, 0.0)

@@ -10,11 +10,12 @@ import anywidget
 import ipywidgets as W
 import traitlets
 
-from ..core import ParameterError, Table
-from .form import Mask, Page
+from ..core import ParameterError
+from ..records import Table
 from .given import called, short
-from .words import said_html, unmarked, why_not
-from .worker import RAISED
+from .job import RAISED
+from .mask import Mask, Page
+from .text import said_html, unmarked, why_not
 
 __all__ = ["Download", "TransferFunction", "Upload", "transfer_function", "upload"]
 

@@ -9,8 +9,8 @@ from ..core import Accuracy, Run
 from ..core.param import unknown
 from ..differentiators import Trial
 from ..prd import PRDResult, PRDSweep, Probe, VectorPRD
+from .curves import BOTTOM, COLOURS, GAP, LAYOUT, LEGEND, SYMBOLS, TOP, X_AXIS, Y_AXIS, draw, panels
 from .given import names as checked
-from .panels import BOTTOM, COLOURS, GAP, LAYOUT, LEGEND, SYMBOLS, TOP, X_AXIS, Y_AXIS, draw, panels
 
 __all__ = ["figure", "plot"]
 

@@ -14,7 +14,7 @@ from smcaero_nb.applications import perturbed_chain
 from smcaero_nb.core import Accuracy
 from smcaero_nb.differentiators import Signal, trial
 from smcaero_nb.ui import plot
-from smcaero_nb.ui.words import result_html
+from smcaero_nb.ui.text import result_html
 
 BLUE, ORANGE, GREY = "#0072B2", "#D55E00", "#444"
 WORDS = {"confirmed": "circle", "not confirmed": "circle-open", "unresolved": "x-thin-open"}
