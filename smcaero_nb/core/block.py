@@ -10,6 +10,7 @@ import inspect
 
 from .cache import fingerprint
 from .param import Param, ParameterError, declared, function, given, said, unknown
+from .signal import flat
 
 __all__ = ["Block", "BlockError", "Channels", "block", "channels", "routed", "wanted"]
 
@@ -34,7 +35,7 @@ class Block:
     values : dict
         Values of the parameters and initial values of the states.
     output : Param, tuple or None
-        Metadata of what it returns, from the return annotation.
+        Metadata of what it returns.
     check : function or None
         What the values have to satisfy together.
     theorem : function or None
@@ -45,11 +46,12 @@ class Block:
         Size of sigma that a law accepts.
     """
 
-    def __init__(self, f, state, check=None, theorem=None, r=None, band=None):
+    def __init__(self, f, state, output=None, check=None, theorem=None, r=None, band=None):
         if not inspect.isfunction(f):
             raise BlockError(f"block: a block is made of a plain function, not of {said(f)}")
         self.f, self.name, self.__doc__ = f, f.__name__, f.__doc__
         self.signals, self.params, self.kinds, self.values, self.output = declared(f)
+        self.output = output or self.output
         self.states = {}
         for name, v in state.items():
             v, meta = v if isinstance(v, tuple) and len(v) == 2 else (v, Param())
@@ -182,7 +184,7 @@ def wanted(name, value, *kinds):
     raise BlockError(f"{name} must be a block (a function under @block), not {said(value)}{hint}")
 
 
-def block(f=None, *, state=None, check=None, theorem=None, r=None, band=None):
+def block(f=None, *, state=None, output=None, check=None, theorem=None, r=None, band=None):
     r"""Make a block of a plain function.
 
     Parameters
@@ -195,6 +197,9 @@ def block(f=None, *, state=None, check=None, theorem=None, r=None, band=None):
         ``Annotated[Literal["a", "b"], Param(...)]``.
     state : dict, optional
         ``{name: initial value}`` or ``{name: (initial value, Param)}``.
+    output : Param or tuple of Param, optional
+        Metadata of what it returns, nested as that is; of a block with memory, without its states. The
+        return annotation ``Annotated[float, Param(...)]``, or a tuple of these, says the same.
     check : function, optional
         What parameters and initial states must satisfy together: it is given ``{name: value}`` of all of them, each
         allowed by itself, and returns None, or the sentence that says which condition does not hold.
@@ -226,10 +231,12 @@ def block(f=None, *, state=None, check=None, theorem=None, r=None, band=None):
     """
     state = {} if state is None else state
     given("block", "state", state, dict, "a dict of initial values by name")
+    if not (output is None or all(isinstance(m, Param) for m in flat(output))):
+        raise BlockError(f"block: output = {said(output)} is not allowed; it must be a Param, or a tuple of them")
     for name, v in dict(check=check, theorem=theorem, band=band).items():
         function("block", name, v)
     r = None if r is None else Param(low=1).check("block", "r", r, int)
-    made = functools.partial(Block, state=state, check=check, theorem=theorem, r=r, band=band)
+    made = functools.partial(Block, state=state, output=output, check=check, theorem=theorem, r=r, band=band)
     return made if f is None else made(f)
 
 

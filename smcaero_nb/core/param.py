@@ -6,7 +6,7 @@ import math
 import numbers
 import reprlib
 from dataclasses import dataclass
-from typing import get_args
+from typing import get_args, get_origin
 
 import numpy as np
 
@@ -224,8 +224,8 @@ def declared(f):
 
 def _meta(annotation):
     """The metadata in an annotation: ``Param(...)``, ``Annotated[float, Param(...)]``, or a tuple of these; else None."""
-    if isinstance(annotation, tuple):
-        return tuple(map(_meta, annotation))
+    if isinstance(annotation, tuple) or get_origin(annotation) is tuple:
+        return tuple(map(_meta, annotation if isinstance(annotation, tuple) else get_args(annotation)))
     return next((m for m in (annotation, *getattr(annotation, "__metadata__", ())) if isinstance(m, Param)), None)
 
 
