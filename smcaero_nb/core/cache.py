@@ -142,8 +142,8 @@ def compiled(f, defaults=None):
             if isinstance(v, tuple):
                 made = map(inner, v)
                 return type(v)(*made) if hasattr(v, "_fields") else tuple(made)
-            if type(v) is np.ndarray and not v.flags.forc:
-                return np.array(v)  # numba copies into its code only what lies in one piece
+            if isinstance(v, np.ndarray) and not isinstance(v, np.ma.MaskedArray):
+                return np.array(v, order="C")  # what numba does not copy into its code may change
             return compiled(v) if isinstance(v, types.FunctionType) else v
 
         reads = {n for c in _codes(f.__code__) for n in c.co_names}
