@@ -938,6 +938,15 @@ def test_a_sampling_step_or_start_that_fails_is_refused_whatever_ran_before(own_
             simulate(bad)
 
 
+def test_a_truth_value_at_the_start_is_refused_whatever_ran_before(own_memory):
+    law = block(lambda sigma, mode=0.0: sigma > 0.0 if mode > 0.5 else -1.0)
+    loop = ClosedLoop(linear, law=law, duration=1.0, dt=0.1)
+    for first in (lambda: None, lambda: simulate(loop)):
+        first()
+        with pytest.raises(BlockError, match="must return a float or a tuple of floats"):
+            simulate(loop.with_(law__mode=1.0))
+
+
 def test_the_number_of_inputs_does_not_depend_on_what_ran_before(own_memory):
     plant = block(state=dict(x=1.0))(lambda u, k=2.0: (u/(k - 1.0),))
     loop = ClosedLoop(plant, output=block(lambda x, u: x[0]), law=block(lambda sigma: -sigma), duration=1.0, dt=0.1)

@@ -288,7 +288,8 @@ class _Writer:
         values = dict(zip(self.params, (v for p in loop.p.values() for v in p), strict=True))
         x, z = loop.start()
         try:
-            exec(self.tried, {"t": 0.0, "tau": tau, "dt": 0.0, **functions, **x, **z, **values})
+            exec(self.tried, {"t": 0.0, "tau": tau, "dt": 0.0, "check": self.check, **functions,
+                              **x, **z, **values})
         except Exception:
             return False
         return True
@@ -365,6 +366,7 @@ class _Writer:
             result = f"out_{stage}" + f"_{i}"*many
             self.write(f"{result} = {name}({', '.join(args)})", where, asked)
             self.check(where, self.values[result], b.states, stage)
+            self.trial.append(f"check({where!r}, {result}, {tuple(b.states)!r}, {stage!r})")
             for j, q in enumerate(states):
                 self.write(f"{q} = float({result}[1][{j}])")
             results.append(f"{result}[0]" if states else result)
