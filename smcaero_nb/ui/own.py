@@ -11,8 +11,9 @@ import ipywidgets as W
 import traitlets
 
 from ..core import ParameterError, Table
+from ..core.param import said
 from .form import Mask, Page
-from .given import called, short
+from .given import called
 from .words import said_html, unmarked, why_not
 from .worker import RAISED
 
@@ -212,7 +213,7 @@ def _refuse(owner, live, **functions):
     """Refuse what is no live plot, or no function."""
     if not isinstance(getattr(live, "mask", None), Mask):
         raise ParameterError(
-            f"{owner}: live = {short(live)} is not allowed; it must be a live plot, live(...)")
+            f"{owner}: live = {said(live)} is not allowed; it must be a live plot, live(...)")
     called(owner, **functions)
 
 
