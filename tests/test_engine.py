@@ -747,9 +747,9 @@ OUTPUTS = [("law", "None", "must return a float or a tuple of floats; it returne
            ("output", "None", "must return a float or a tuple of floats; it returned None"),
            ("plant", "(1.0,)", "must return dx/dt as a tuple of 2 (s, ds); it returned (1.0,)"),
            ("plant", "(1.0, 2.0, 3.0)", "must return dx/dt as a tuple of 2 (s, ds); it returned (1.0, 2.0, 3.0)"),
-           ("plant", "1.0", "must return dx/dt as a tuple of 2 (s, ds); it returned 1.0"),
+           ("plant", "1.0", "must return dx/dt as a tuple of 2 (s, ds); it returned 1"),
            ("plant", "(1.0, (2.0,))", "must return dx/dt as a tuple of 2 (s, ds); it returned (1.0, (2.0,))"),
-           ("memory", "sigma", "must return (output, next z), next z a tuple of 2 (a, b); it returned 1.0"),
+           ("memory", "sigma", "must return (output, next z), next z a tuple of 2 (a, b); it returned 1"),
            ("memory", "sigma, z[0]", "must return (output, next z), next z a tuple of 2 (a, b); it returned (1.0, 0.0)"),
            ("memory", "sigma, (0.0,)", "next z a tuple of 2 (a, b); it returned (1.0, (0.0,))"),
            ("memory", "sigma, [0.0, 0.0]", "next z a tuple of 2 (a, b)"),
@@ -978,11 +978,12 @@ def test_an_error_of_shape_speaks_of_the_shape_and_the_way_out():
     two = block(state=dict(a=1.0, b=0.0))(lambda x, u: (x[1], u))
     pair = r"= \(-?1.0, -?0.0\) \(a tuple of 2\)\. "
     for law, said in ((lambda sigma: 2.0*(sigma > 0.0), pair + r"sigma\[0\] is the first component of sigma; a stage"),
+                      (lambda e: 2.0*e, pair + r"e\[0\] is the first component of e; a stage"),
                       (lambda e: e[2], pair + r"e has 2 components, e\[0\] to e\[1\]"),
                       (lambda y: sum(*zip(*y, strict=False)), pair.removesuffix(" "))):
         with pytest.raises(BlockError, match="^law '<lambda>' fails at t = 0.*" + said):
             simulate(ClosedLoop(two, law=block(law)), 1.0, 0.1)
-    with pytest.raises(BlockError, match=r"sigma = -1.0 \(a number\)\. A number has no components: write sigma"):
+    with pytest.raises(BlockError, match=r"sigma = -1 \(a number\)\. A number has no components: write sigma"):
         simulate(ClosedLoop(linear, law=block(lambda sigma: sigma[0])), 1.0, 0.1)
 
 

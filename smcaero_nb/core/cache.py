@@ -86,6 +86,8 @@ def _content(v, seen, names=(), defaults=True):
         return repr((type(v), v.dtype, v.shape, hashlib.sha256(v.tobytes()).hexdigest()))
     if isinstance(v, (tuple, list)):
         return repr((type(v), getattr(v, "_fields", None), [_content(k, seen, names) for k in v]))
+    if type(v) is int:
+        return hex(v)  # Python refuses to write thousands of decimal digits
     return repr(v) if isinstance(v, _PLAIN) else f"{name} {_PROCESS} {id(v)}"
 
 

@@ -17,7 +17,21 @@ import numpy as np
 from .block import Block, BlockError, Channels, routed, wanted
 from .cache import compiled, draws, kept, remembered
 from .metrics import channel_figures, metrics
-from .param import Param, ParameterError, chosen, function, given, positive, refused, switch, texted
+from .param import (
+    Param,
+    ParameterError,
+    chosen,
+    function,
+    given,
+    listed,
+    number,
+    positive,
+    real,
+    refused,
+    said,
+    switch,
+    texted,
+)
 from .signal import flat, leaves, shape, text
 from .theorem import doubts, perturbation
 
@@ -240,7 +254,7 @@ class _Writer:
                  "advance": self.written(self.advance, METHODS[method])}
         if "u" in asked and self.shapes["u"] != taken:
             raise BlockError(f"the output asks for u, of which the plant takes {len(taken) if taken else 'one number'}, but the "
-                             f"loop gives it u = {self.values_of('u')!r}")
+                             f"loop gives it u = {said(self.values_of('u'))}")
         parts["touch"] = []
         if loop.stages["stop"]:  # the last row is this one
             parts["touch"] = [*self.written(self.stage, "stop", "left"), "if not left > 0.0:", "    n = row = k"]
@@ -312,9 +326,9 @@ class _Writer:
             exec(line, self.values)
         except Exception as why:
             shapes = {n: self.values_of(n) for n in given if n in self.shapes}
-            said = ", ".join(f"{n} = {v!r} ({_kind(v)})" for n, v in shapes.items())
+            told = ", ".join(f"{n} = {said(v)} ({_kind(v)})" for n, v in shapes.items())
             raise BlockError(f"{where} fails at t = 0{_place(why)}: {type(why).__name__}: {why}."
-                             + (f" It was given {said}" if said else "") + _way_out(why, shapes)) from why
+                             + (f" It was given {told}" if told else "") + _way_out(why, shapes)) from why
         self.lines.append(line)
         self.trial.append(line)
 
@@ -343,11 +357,11 @@ class _Writer:
         for i, b in enumerate(_parts(block)):
             where, name = f"{stage} '{b.name}'", re.sub(r"\W", "_", f"{stage}_{b.name}") + f"_{i}"*many
             if wrong := [n for n in b.signals if n not in ASKS[stage] + memory]:
-                raise BlockError(f"{where} asks for {', '.join(wrong)}; it may ask for {', '.join(ASKS[stage] + memory)}")
+                raise BlockError(f"{where} asks for {listed(wrong)}; it may ask for {', '.join(ASKS[stage] + memory)}")
             if stage == "plant" and not b.states:
                 raise BlockError(f"{where} names no state: @block(state=dict(...))")
             if b.states and stage != "plant" and not (memory and "z" in b.signals):
-                raise BlockError(f"{where} names a state ({', '.join(b.states)}), but "
+                raise BlockError(f"{where} names a state ({listed(b.states)}), but "
                                  + ("does not ask for z" if memory else "this stage has no memory"))
             states = [f"z_{stage}_{z + j}" for j in range(len(b.states))] if memory else []
             estimated = self.stages["differentiator"] and stage in ESTIMATED
@@ -357,7 +371,7 @@ class _Writer:
                 args = [own.get(n) or self.text(n, i if many and n != "x" else None, alias.get(n)) for n in asked]
             except (TypeError, IndexError):
                 raise BlockError(f"{where}: a signal it asks for has no channel {i}: "
-                                 + ", ".join(f"{n} = {self.values_of(n)!r}" for n in asked if n in self.shapes)) from None
+                                 + ", ".join(f"{n} = {said(self.values_of(n))}" for n in asked if n in self.shapes)) from None
             args += [f"p_{stage}_{p + j}" for j in range(len(b.params))]
             if source := draws(b.f):
                 raise BlockError(f"{where} draws random numbers with {source}, which no run repeats; draw them once "
@@ -375,19 +389,18 @@ class _Writer:
 
     def check(self, where, got, states, stage):
         """Raise `BlockError` unless a block returned what its stage needs."""
-        names = ", ".join(states)
+        names = listed(states)
         if stage in GIVES and states:
             if not (isinstance(got, tuple) and len(got) == 2 and shape(got[1]) == (None,)*len(states)):
                 raise BlockError(f"{where} must return (output, next z), next z a tuple of {len(states)} ({names}); "
-                                 f"it returned {got!r}")
+                                 f"it returned {said(got)}")
             got = got[0]
         if stage == "plant" and shape(got) != (None,)*len(states):
-            raise BlockError(f"{where} must return dx/dt as a tuple of {len(states)} ({names}); it returned {got!r}")
+            raise BlockError(f"{where} must return dx/dt as a tuple of {len(states)} ({names}); it returned {said(got)}")
         if stage == "stop" and isinstance(got, tuple):
-            raise BlockError(f"{where} must return a float, what is left until the run ends; it returned {got!r}")
-        if (isinstance(got, tuple) and not got) or not all(
-                isinstance(v, (float, int, np.number)) and not isinstance(v, (bool, complex)) for v in flat(got)):
-            raise BlockError(f"{where} must return a float or a tuple of floats; it returned {got!r}")
+            raise BlockError(f"{where} must return a float, what is left until the run ends; it returned {said(got)}")
+        if (isinstance(got, tuple) and not got) or not all(map(_float, flat(got))):
+            raise BlockError(f"{where} must return a float or a tuple of floats; it returned {said(got)}")
 
     def stage(self, stage, gives, passes=None, alias=None):
         """One stage: `gives` = block(...), or the signal `passes`, or zero, where there is no block."""
@@ -412,7 +425,7 @@ class _Writer:
             self.assign("e", _error(self.shapes["r"], self.shapes["y"]))
         except (BlockError, TypeError, IndexError):
             raise BlockError("reference and output do not fit: e = r - y with "
-                             f"r = {self.values_of('r')!r}, y = {self.values_of('y')!r}") from None
+                             f"r = {said(self.values_of('r'))}, y = {said(self.values_of('y'))}") from None
 
     def control(self):
         """The sampled stages."""
@@ -436,6 +449,12 @@ class _Writer:
             self.write(f"x_{i} = x_{i} + dt*" + (f"({' + '.join(terms)})" if len(terms) > 1 else terms[0]))
 
 
+def _float(value):
+    """Whether a number is one that numba and float64 take as well."""
+    fits = not isinstance(value, int) or math.isfinite(number(value))
+    return isinstance(value, (float, int, np.number)) and real(value) and fits
+
+
 def _kind(value):
     """Shape of a signal, in words."""
     if not isinstance(value, tuple):
@@ -446,13 +465,13 @@ def _kind(value):
 
 def _way_out(why, given):
     """What to do about an error that comes from the shape of a signal."""
-    said, tuples = str(why), [n for n, v in given.items() if isinstance(v, tuple)]
-    if re.search("unpack|out of range", said) and tuples:
+    words, tuples = str(why), [n for n, v in given.items() if isinstance(v, tuple)]
+    if re.search("unpack|out of range", words) and tuples:
         return "".join(f". {n} has {len(given[n])} components, {n}[0] to {n}[{len(given[n]) - 1}]" for n in tuples)
-    if "tuple" in said and tuples:
+    if re.search("tuple|sequence", words) and tuples:
         return "".join(f". {n}[0] is the first component of {n}; a stage before this one (output, surface) may make one "
                        "number of all" for n in tuples[:1])
-    if re.search("subscript|iterable|unpack", said) and given:
+    if re.search("subscript|iterable|unpack", words) and given:
         return f". A number has no components: write {next(iter(given))}, without an index"
     return ""
 
