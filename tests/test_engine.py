@@ -1015,6 +1015,14 @@ CHANCE = {
                             "def law(sigma): return m.f()"),
     "a closure": ("import numpy as np\ndef make(r):\n    def law(sigma): return r.rand()\n    return law\n"
                   "law = make(np.random)"),
+    "a tuple of helpers": ("import numba, numpy as np\n@numba.njit\ndef noise(s): return np.random.rand()\n"
+                           "both = (noise, 1.0)\ndef law(sigma): return both[0](sigma)"),
+    "a default of a helper": ("import numpy as np\ndef noise(s, f=np.random.rand): return f()\n"
+                              "def law(sigma): return noise(sigma)"),
+    "a callback of C": ("import numba, numpy as np\n@numba.cfunc('f8(f8)')\ndef noise(s): return np.random.rand()\n"
+                        "def law(sigma): return noise(sigma)"),
+    "a ufunc": ("import numba, numpy as np\n@numba.vectorize\ndef noise(s): return np.random.rand()\n"
+                "def law(sigma): return noise(sigma)"),
 }
 
 
@@ -1024,3 +1032,9 @@ def test_a_block_that_draws_random_numbers_is_refused_with_the_way_out(how, jit)
     exec(CHANCE[how], names := {"__name__": "__main__"})
     with pytest.raises(BlockError, match="law 'law' draws random numbers with (numpy.)?random, .*default_rng"):
         simulate(ClosedLoop(linear, law=block(names["law"])), 1.0, 0.1, jit=jit)
+
+
+def test_numbers_that_were_drawn_once_may_have_any_name():
+    exec("import numpy as np\nrandom = np.random.default_rng(1).standard_normal(100)\n"
+         "def law(sigma, t): return np.abs(random[int(t)]) - sigma", names := {"__name__": "__main__"})
+    assert simulate(ClosedLoop(linear, law=block(names["law"])), 1.0, 0.1, jit=False).steps == 10

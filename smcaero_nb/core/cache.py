@@ -1,6 +1,7 @@
 """What a function says (not who it is): fingerprints, compiled functions, and a disk cache keyed on them."""
 
 import contextlib
+import dis
 import enum
 import functools
 import hashlib
@@ -43,6 +44,13 @@ def _written(code):
     say = [(c.co_argcount, c.co_code.hex(), c.co_names, c.co_varnames, c.co_freevars,
             [k for k in c.co_consts if not isinstance(k, types.CodeType)]) for c in _codes(code)]
     return tuple(dict.fromkeys(n for c in _codes(code) for n in c.co_names)), hashlib.sha256(repr(say).encode()).hexdigest()
+
+
+@functools.lru_cache(maxsize=2000)
+def _attributes(code):
+    """Names that a code object reads in others, as random in np.random."""
+    return tuple({i.argval: None for c in _codes(code) for i in dis.get_instructions(c)
+                  if i.opname in ("LOAD_ATTR", "LOAD_METHOD")})
 
 
 def _used(f):
@@ -112,12 +120,17 @@ def draws(v, names=(), seen=None):
     seen.add((id(v), names))
     inner = []
     if isinstance(v, types.FunctionType):
-        names = _written(v.__code__)[0]
-        inner = [*(c.cell_contents for c in v.__closure__ or ()), *_used(v).values()]
+        names = _attributes(v.__code__)
+        inner = [*(c.cell_contents for c in v.__closure__ or ()), *_used(v).values(),
+                 *(v.__defaults__ or ())]
     elif module and _is_library(v):
         inner = [v.random] if "random" in names and hasattr(v, "random") else []
     elif isinstance(v, (types.ModuleType, type)):
         inner = [getattr(v, n) for n in names if hasattr(v, n)]
+    elif isinstance(v, (tuple, list)):
+        inner = v
+    elif hasattr(v, "__wrapped__"):  # what numba made of a function: a cfunc, a ufunc
+        inner = [v.__wrapped__]
     return next((found for k in inner if (found := draws(k, names, seen))), None)
 
 
