@@ -980,11 +980,15 @@ def test_an_error_of_shape_speaks_of_the_shape_and_the_way_out():
     for law, said in ((lambda sigma: 2.0*(sigma > 0.0), pair + r"sigma\[0\] is the first component of sigma; a stage"),
                       (lambda e: 2.0*e, pair + r"e\[0\] is the first component of e; a stage"),
                       (lambda e: e[2], pair + r"e has 2 components, e\[0\] to e\[1\]"),
-                      (lambda y: sum(*zip(*y, strict=False)), pair.removesuffix(" "))):
+                      (lambda y: sum(*zip(*y, strict=False)), pair.removesuffix(r"\. "))):
         with pytest.raises(BlockError, match="^law '<lambda>' fails at t = 0.*" + said):
             simulate(ClosedLoop(two, law=block(law)), 1.0, 0.1)
     with pytest.raises(BlockError, match=r"sigma = -1 \(a number\)\. A number has no components: write sigma"):
         simulate(ClosedLoop(linear, law=block(lambda sigma: sigma[0])), 1.0, 0.1)
+    with pytest.raises(BlockError, match=r"write u, without an index, or let a stage before this one"):
+        simulate(ClosedLoop(block(state=dict(x=1.0))(lambda x, u: (u[0],))), 1.0, 0.1)
+    with pytest.raises(BlockError, match=r"law 'twisting' .*\(a number\).* before this one .* give several"):
+        simulate(ClosedLoop(linear, law=smc.smc2.twisting), 1.0, 0.1)
 
 
 def test_a_state_that_is_a_tuple_is_refused_with_the_way_out():

@@ -466,13 +466,15 @@ def _kind(value):
 def _way_out(why, given):
     """What to do about an error that comes from the shape of a signal."""
     words, tuples = str(why), [n for n, v in given.items() if isinstance(v, tuple)]
+    numbers = [n for n in given if n not in tuples]
+    if re.search("subscript|iterable", words) and numbers:
+        return (f". A number has no components: write {' or '.join(numbers)}, without an index, or let a "
+                "stage before this one (output, surface) give several")
     if re.search("unpack|out of range", words) and tuples:
         return "".join(f". {n} has {len(given[n])} components, {n}[0] to {n}[{len(given[n]) - 1}]" for n in tuples)
     if re.search("tuple|sequence", words) and tuples:
         return "".join(f". {n}[0] is the first component of {n}; a stage before this one (output, surface) may make one "
                        "number of all" for n in tuples[:1])
-    if re.search("subscript|iterable|unpack", words) and given:
-        return f". A number has no components: write {next(iter(given))}, without an index"
     return ""
 
 
