@@ -691,6 +691,17 @@ def test_a_large_table_is_said_to_cost_a_compilation_in_every_process(own_folder
     assert not list(own_folder.glob("*.loop"))
 
 
+@pytest.mark.parametrize("size", [1000, 200_000])
+def test_a_table_that_changes_in_place_is_never_read_in_place_of_its_copy(size):
+    table = np.ones(size)
+    law = cell("@block\ndef law(sigma): return table[3]*sigma", table=table)["law"]
+    seen = [value(law)]
+    table *= 2.0
+    seen.append(value(law))
+    law.f.__globals__["table"] = np.ones(size)  # the cell that loads it is run again
+    assert [*seen, value(law)] == [1.0, 2.0, 1.0]
+
+
 STALE = {
     "a table in a default of a helper": (
         "import numpy as np\nT = np.zeros(5000); T[2500] = {}\ndef helper(s, q=T): return q[2500]*s"

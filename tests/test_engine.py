@@ -745,9 +745,9 @@ OUTPUTS = [("law", "None", "must return a float or a tuple of floats; it returne
            ("output", "None", "must return a float or a tuple of floats; it returned None"),
            ("plant", "(1.0,)", "must return dx/dt as a tuple of 2 (s, ds); it returned (1.0,)"),
            ("plant", "(1.0, 2.0, 3.0)", "must return dx/dt as a tuple of 2 (s, ds); it returned (1.0, 2.0, 3.0)"),
-           ("plant", "1.0", "must return dx/dt as a tuple of 2 (s, ds); it returned 1.0"),
+           ("plant", "1.0", "must return dx/dt as a tuple of 2 (s, ds); it returned 1"),
            ("plant", "(1.0, (2.0,))", "must return dx/dt as a tuple of 2 (s, ds); it returned (1.0, (2.0,))"),
-           ("memory", "sigma", "must return (output, next z), next z a tuple of 2 (a, b); it returned 1.0"),
+           ("memory", "sigma", "must return (output, next z), next z a tuple of 2 (a, b); it returned 1"),
            ("memory", "sigma, z[0]", "must return (output, next z), next z a tuple of 2 (a, b); it returned (1.0, 0.0)"),
            ("memory", "sigma, (0.0,)", "next z a tuple of 2 (a, b); it returned (1.0, (0.0,))"),
            ("memory", "sigma, [0.0, 0.0]", "next z a tuple of 2 (a, b)"),
@@ -936,6 +936,15 @@ def test_a_sampling_step_or_start_that_fails_is_refused_whatever_ran_before(own_
             simulate(bad)
 
 
+def test_a_truth_value_at_the_start_is_refused_whatever_ran_before(own_memory):
+    law = block(lambda sigma, mode=0.0: sigma > 0.0 if mode > 0.5 else -1.0)
+    loop = ClosedLoop(linear, law=law, duration=1.0, dt=0.1)
+    for first in (lambda: None, lambda: simulate(loop)):
+        first()
+        with pytest.raises(BlockError, match="must return a float or a tuple of floats"):
+            simulate(loop.with_(law__mode=1.0))
+
+
 def test_the_number_of_inputs_does_not_depend_on_what_ran_before(own_memory):
     plant = block(state=dict(x=1.0))(lambda u, k=2.0: (u/(k - 1.0),))
     loop = ClosedLoop(plant, output=block(lambda x, u: x[0]), law=block(lambda sigma: -sigma), duration=1.0, dt=0.1)
@@ -967,12 +976,17 @@ def test_an_error_of_shape_speaks_of_the_shape_and_the_way_out():
     two = block(state=dict(a=1.0, b=0.0))(lambda x, u: (x[1], u))
     pair = r"= \(-?1.0, -?0.0\) \(a tuple of 2\)\. "
     for law, said in ((lambda sigma: 2.0*(sigma > 0.0), pair + r"sigma\[0\] is the first component of sigma; a stage"),
+                      (lambda e: 2.0*e, pair + r"e\[0\] is the first component of e; a stage"),
                       (lambda e: e[2], pair + r"e has 2 components, e\[0\] to e\[1\]"),
-                      (lambda y: sum(*zip(*y, strict=False)), pair.removesuffix(" "))):
+                      (lambda y: sum(*zip(*y, strict=False)), pair.removesuffix(r"\. "))):
         with pytest.raises(BlockError, match="^law '<lambda>' fails at t = 0.*" + said):
             simulate(ClosedLoop(two, law=block(law)), 1.0, 0.1)
-    with pytest.raises(BlockError, match=r"sigma = -1.0 \(a number\)\. A number has no components: write sigma"):
+    with pytest.raises(BlockError, match=r"sigma = -1 \(a number\)\. A number has no components: write sigma"):
         simulate(ClosedLoop(linear, law=block(lambda sigma: sigma[0])), 1.0, 0.1)
+    with pytest.raises(BlockError, match=r"write u, without an index, or let a stage before this one"):
+        simulate(ClosedLoop(block(state=dict(x=1.0))(lambda x, u: (u[0],))), 1.0, 0.1)
+    with pytest.raises(BlockError, match=r"law 'twisting' .*\(a number\).* before this one .* give several"):
+        simulate(ClosedLoop(linear, law=smc.smc2.twisting), 1.0, 0.1)
 
 
 def test_a_state_that_is_a_tuple_is_refused_with_the_way_out():
@@ -1003,6 +1017,14 @@ CHANCE = {
                             "def law(sigma): return m.f()"),
     "a closure": ("import numpy as np\ndef make(r):\n    def law(sigma): return r.rand()\n    return law\n"
                   "law = make(np.random)"),
+    "a tuple of helpers": ("import numba, numpy as np\n@numba.njit\ndef noise(s): return np.random.rand()\n"
+                           "both = (noise, 1.0)\ndef law(sigma): return both[0](sigma)"),
+    "a default of a helper": ("import numpy as np\ndef noise(s, f=np.random.rand): return f()\n"
+                              "def law(sigma): return noise(sigma)"),
+    "a callback of C": ("import numba, numpy as np\n@numba.cfunc('f8(f8)')\ndef noise(s): return np.random.rand()\n"
+                        "def law(sigma): return noise(sigma)"),
+    "a ufunc": ("import numba, numpy as np\n@numba.vectorize\ndef noise(s): return np.random.rand()\n"
+                "def law(sigma): return noise(sigma)"),
 }
 
 
@@ -1012,3 +1034,9 @@ def test_a_block_that_draws_random_numbers_is_refused_with_the_way_out(how, jit)
     exec(CHANCE[how], names := {"__name__": "__main__"})
     with pytest.raises(BlockError, match="law 'law' draws random numbers with (numpy.)?random, .*default_rng"):
         simulate(ClosedLoop(linear, law=block(names["law"])), 1.0, 0.1, jit=jit)
+
+
+def test_numbers_that_were_drawn_once_may_have_any_name():
+    exec("import numpy as np\nrandom = np.random.default_rng(1).standard_normal(100)\n"
+         "def law(sigma, t): return np.abs(random[int(t)]) - sigma", names := {"__name__": "__main__"})
+    assert simulate(ClosedLoop(linear, law=block(names["law"])), 1.0, 0.1, jit=False).steps == 10
