@@ -95,11 +95,15 @@ def accuracy(loop, duration=None, dt=None, tau=None, *, factors=FACTORS, method=
         Fewer than four different factors, or one that is not positive; a loop without a law; and
         what `simulate` raises.
 
-    Notes ----- The slopes are those of real numbers: at a high order, small steps reach the
+    Notes
+    -----
+    The slopes are those of real numbers: at a high order, small steps reach the
     resolution of float64, and steps whose result is below it are left out. An actuator that the law
     does not know, noise, or a boundary layer hide the order: the slope is then near 0.
 
-    References ---------- A. Levant, Int. J. Control 58 (1993) 1247, for real sliding; Int. J.
+    References
+    ----------
+    A. Levant, Int. J. Control 58 (1993) 1247, for real sliding; Int. J.
     Control 76 (2003) 924, for the exponents.
 
     Examples

@@ -105,7 +105,9 @@ def doubts(run):
         Empty if all hold, if the law declares none (``@block(theorem=...)``), or if the run is too
         short to tell.
 
-    Notes ----- The perturbation is `Run.xi`, found from the run itself, in its second half: on the
+    Notes
+    -----
+    The perturbation is `Run.xi`, found from the run itself, in its second half: on the
     way to sigma = 0 the plant itself may perturb more. One that is large for a single row, as when
     a command jumps, does not count. Faster changes than the recorded rows are averaged out.
     """

@@ -20,9 +20,8 @@ class ClosedLoop:
     ----------
     plant : Block
         ``x' = plant(t, x, u, d)``, integrated with `dt`.
-    reference, output, sensor, differentiator, surface, law, allocation, actuator, perturbation :
-    Block, Channels or None
-        The stages of the pipeline; one left out is the identity (reference and perturbation: zero),
+    reference, output, sensor, differentiator, surface, law, allocation, actuator, perturbation : Block
+        Or Channels, or None. The stages of the pipeline; one left out is the identity (reference and perturbation: zero),
         free of cost. Without `output`, y is the tuple of the plant's states, or, of a plant with
         one state, that number. A parameter of `output` that the plant has too follows the plant. It
         may ask for u and d as they act on the plant when y is measured: at a sample, u is still
@@ -54,7 +53,9 @@ class ClosedLoop:
     ParameterError
         An unknown stage, or a time, name or verdict that is not allowed.
 
-    Notes ----- `smcaero_nb.core.stages` has the table of what a block may ask for in each stage; so
+    Notes
+    -----
+    `smcaero_nb.core.stages` has the table of what a block may ask for in each stage; so
     has the README.
     """
 

@@ -67,7 +67,9 @@ def simulate(loop: ClosedLoop, duration: float | None = None, dt: float | None =
     BlockError
         A block that does not fit its stage, fails at t = 0 or cannot be compiled.
 
-    Notes ----- Ctrl-C acts between two chunks of steps, about every 20 ms. The result does not
+    Notes
+    -----
+    Ctrl-C acts between two chunks of steps, about every 20 ms. The result does not
     depend on the chunks.
     """
     duration, dt, tau = timed("simulate", loop, duration, dt, tau)
