@@ -21,7 +21,9 @@ import platformdirs
 
 __all__ = ["cache_folder", "compiled", "draws", "fingerprint", "kept", "remembered"]
 
-_ENGINE = hashlib.sha256(b"".join(f.read_bytes() for f in sorted(pathlib.Path(__file__).parent.glob("*.py")))).hexdigest()
+#: What is compiled beside a loop's own text and blocks, and how.
+_ENGINE = hashlib.sha256(b"".join(pathlib.Path(__file__).with_name(f"{name}.py").read_bytes()
+                                  for name in ("build", "cache", "signal", "vec"))).hexdigest()
 _LIBRARIES = {"math", "builtins", "numpy", "scipy", "numba"}
 _FORMAT = 2  # of the files on disk, and part of their folder's name: what an older version wrote is never loaded
 _FILES = 500  # compiled loops kept on disk; the oldest go first
