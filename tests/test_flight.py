@@ -137,7 +137,7 @@ def test_bad_sources(source):
 
 
 def test_another_vehicle_is_refused():
-    with pytest.raises(ParameterError, match="flight: Run is not allowed"):
+    with pytest.raises(ParameterError, match="flight: source = .*Run.* is not allowed"):
         flight(simulate(smc.lv.loop("pd"), 1.0))
 
 

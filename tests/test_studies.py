@@ -80,7 +80,7 @@ def test_comparison_of_up_to_four(picture):
     fifth = c._toggles["super-twisting"]
     fifth.value = True
     c.wait()
-    assert not fifth.value and "4 laws at most" in c.status and len(c.runs) == 4
+    assert not fifth.value and "At most 4 laws" in c.status and len(c.runs) == 4
     c.set("super-twisting", "sign")
     assert list(c.runs) == ["sign", "super-twisting"]
     assert c.runs["super-twisting"].metrics().variation_u < 0.01*c.runs["sign"].metrics().variation_u
@@ -94,7 +94,7 @@ def test_comparison_takes_the_settings_of_the_mask(picture):
     c = compare(picture)
     c.wait()
     picture.set(law__rho=5.0, perturbation__xi_1=0.2)
-    assert "Refresh takes its settings" in c.status
+    assert "Refresh uses its settings" in c.status
     picture.mask.reset()
     assert c.status == ""  # all is again as it is drawn
     picture.set(law__rho=5.0, perturbation__xi_1=0.2)
@@ -122,8 +122,8 @@ def test_comparison_of_loops_that_fail():
 def test_bad_sources():
     with pytest.raises(ParameterError, match="compare: {'a': 7} is not allowed"):
         compare({"a": 7})
-    for f, message in ((compare, "compare: 7 is not allowed; it must be a live plot or {name: loop}"),
-                       (certificate, "certificate: int is not allowed; it must be a live plot or a closed loop")):
+    for f, message in ((compare, "compare: source = 7 is not allowed; it must be a live plot or {name: loop}"),
+                       (certificate, "certificate: source = 7 is not allowed; it must be a live plot or a closed loop")):
         with pytest.raises(ParameterError, match=message):
             f(7)
 

@@ -20,7 +20,7 @@ from smcaero_nb import ClosedLoop, Param, ParameterError, block, channels
 from smcaero_nb.applications.double_integrator import mass, position
 from smcaero_nb.ui import live, mask, plot, transfer_function, upload
 from smcaero_nb.ui.curves import panels
-from smcaero_nb.ui.job import Dropped, Newest
+from smcaero_nb.ui.job import Newest, Overtaken
 from smcaero_nb.ui.text import doc_html, label, symbol, unit_html
 
 LOOPS = {law: smc.lv.loop(law) for law in smc.lv.PRESETS}
@@ -530,8 +530,8 @@ def test_an_overtaken_job_is_finished_only_if_it_nearly_is():
                 if job != "long" and newest.job is None and k > 3:
                     break
             done.append(job)
-        except Dropped as why:
-            done.append(f"{job} {why}")
+        except Overtaken:
+            done.append(f"{job} overtaken")
 
     newest = Newest(do, lambda: None)
     newest.NEARLY = 0.05
@@ -942,8 +942,8 @@ def test_a_transfer_function_of_ones_own(typed_in, numerator, denominator, name,
     ("0,5", "1 0", "numerator: '0,5' may be one number or two; put blanks between coefficients, a point in a number"),
     ("a", "1", "numerator: 'a' is not a finite number"), ("1", "1 nan", "denominator: 'nan' is not a finite number"),
     ("1", "1 1e999", "denominator: '1e999' is not a finite number"), ("s+1", "1 1", "numerator: 's+1' is not a finite number"),
-    ("0 0", "1 1", "numerator: '0 0' is not allowed; one of its coefficients must not be 0"),
-    ("1", "0", "denominator: '0' is not allowed; one of its coefficients must not be 0"),
+    ("0 0", "1 1", "numerator: '0 0' is not allowed; at least one coefficient must not be 0"),
+    ("1", "0", "denominator: '0' is not allowed; at least one coefficient must not be 0"),
     ("1 0 0", "1 1", "improper from input 1 to output 1: degree 2 over 1"),
     ("<b>", "1 1", "numerator: '<b>' is not a finite number"),
 ])
