@@ -108,16 +108,16 @@ def hostile(text, limit=math.inf):
     def plant(x, u, d):
         return x[1], u + d
 
-    @block
-    def output(x) -> (about, Param(text, f"{text}/s")):
+    @block(output=(about, Param(text, f"{text}/s")))
+    def output(x):
         return x[0], x[1]
 
-    @block
-    def surface(e, c: Annotated[float, about] = 1.0) -> about:
+    @block(output=about)
+    def surface(e, c: Annotated[float, about] = 1.0):
         return e[1] + c*e[0]
 
-    @block
-    def law(sigma, rho: Annotated[float, about] = 2.0) -> about:
+    @block(output=about)
+    def law(sigma, rho: Annotated[float, about] = 2.0):
         return rho*((sigma > 0.0) - (sigma < 0.0))
 
     for b in (plant, output, surface, law):
