@@ -1037,6 +1037,12 @@ def test_a_bad_transfer_function_is_said_and_the_plot_stays(typed_in, numerator,
     assert typed_in.live.run is run and typed_in.live.mask.choice.options == ("",)
 
 
+def test_a_long_text_is_shortened_where_it_is_refused(typed_in):
+    said = identify(typed_in, "1", "x"*5000)
+    assert said.startswith("denominator: 'xxx") and said.endswith("is not a finite number")
+    assert len(said) < 200
+
+
 # ---- an observer ---------------------------------------------------------------------------------
 def test_an_observers_estimate_has_a_panel_of_its_own():
     loop = smc.applications.dc_motor("quasi_continuous").with_(
