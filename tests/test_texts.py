@@ -1,6 +1,6 @@
 """Texts of a user's blocks are shown as typed wherever they stand, and run nowhere."""
 
-import copy
+import dataclasses
 import functools
 import html
 import math
@@ -133,9 +133,9 @@ def compiled(limit):
 
 def simulated(text, limit=math.inf):
     """A run of `hostile`, which is compiled but once."""
-    run = copy.copy(compiled(limit))
-    run.loop, run.x = hostile(text, limit), types.SimpleNamespace(**{text: run.x.x, "v": run.x.v})
-    return run
+    run = compiled(limit)
+    states = types.SimpleNamespace(**{text: run.x.x, "v": run.x.v})
+    return dataclasses.replace(run, loop=hostile(text, limit), x=states)
 
 
 def test_what_is_no_latex_of_a_symbol_is_shown_as_typed():

@@ -12,7 +12,7 @@ import anywidget
 import ipywidgets as W
 
 from ..core import ParameterError
-from ..core.param import given, said
+from ..core.param import given, refused, said
 from ..records import Table
 from .job import RAISED
 from .live import Live
@@ -205,7 +205,10 @@ def _checked(owner, live, **functions):
     """Refuse what is not a live plot, or not a function."""
     given(owner, "live", live, Live, "a live plot, live(...)")
     for name, f in functions.items():
-        given(owner, name, f, Callable, "a function, not called")
+        try:
+            inspect.signature(f)
+        except (TypeError, ValueError):  # not a function, or one of C that hides its arguments
+            raise refused(owner, name, f, "a function, not called") from None
 
 
 def upload(live: Live, read: Callable[..., Any], make: Callable[..., Any]) -> Upload:

@@ -13,7 +13,7 @@ from ipywidgets.widgets.widget_string import TextStyle
 
 from ..core import Block, ClosedLoop, ParameterError
 from ..core.block import Channels
-from ..core.param import unknown
+from ..core.param import texted, unknown
 from .given import Loop, Loops, names, offered
 from .job import RAISED
 from .row import Row, css_class, written
@@ -210,6 +210,7 @@ class Mask(W.VBox):
         ParameterError
             The name is not text, or the target is something else.
         """
+        name = texted("mask", "name", name)
         more = offered("mask", {name: target}, Block, Channels, ClosedLoop)
 
         def made():

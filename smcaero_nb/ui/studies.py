@@ -122,7 +122,8 @@ class Compare(Study):
         ParameterError
             An unknown name, or more than four.
         """
-        if not 1 <= len(names) <= MOST or not set(names) <= set(self._toggles):
+        known = all(isinstance(n, str) and n in self._toggles for n in names)
+        if not 1 <= len(names) <= MOST or not known:
             raise refused("compare", "names", names, f"one to {MOST} of {listed(self._toggles)}")
         self._pick(names)
         self.wait()
