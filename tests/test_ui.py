@@ -258,6 +258,23 @@ def test_groups_of_a_loop():
     assert len(plant.children) == 1
 
 
+def test_every_stage_has_a_group_the_design_before_the_world():
+    @block
+    def scaled(y, gain=1.0):
+        return y[0]*gain, y[1]*gain
+
+    @block
+    def left(t, end=4.0):
+        return end - t
+
+    m = mask(RELAY.with_(sensor=scaled, stop=left))
+    assert {"sensor__gain", "stop__end"} <= set(m.widgets)
+    folds = {f.opener.description: f.opener.value for f in m._body.children}
+    assert list(folds) == ["sensor: scaled", "surface: line", "law: relay", "stop: left",
+                           "initial state"]
+    assert folds["sensor: scaled"] and not folds["stop: left"]
+
+
 def test_choice_of_loops():
     m = mask({"quasi": LOOPS["quasi_smc"], "PD": LOOPS["pd"]})
     m.set(law__rho=3.0, perturbation__f_0=0.1)

@@ -14,6 +14,7 @@ from ipywidgets.widgets.widget_string import TextStyle
 from ..core import Block, ClosedLoop, ParameterError
 from ..core.block import Channels
 from ..core.param import texted, unknown
+from ..core.stages import STAGES
 from .given import Loop, Loops, names, offered
 from .job import RAISED
 from .row import Row, css_class, written
@@ -23,8 +24,8 @@ __all__ = ["Mask", "mask"]
 
 HERE = pathlib.Path(__file__).parent
 # what a designer sets; the rest is folded away
-DESIGN = ("differentiator", "surface", "law", "allocation", "actuator")
-WORLD = ("reference", "perturbation", "output", "plant")
+DESIGN = tuple(name for name, stage in STAGES.items() if stage.role == "design")
+WORLD = tuple(name for name, stage in STAGES.items() if stage.role == "world")
 
 
 class _Names(W.Widget):
