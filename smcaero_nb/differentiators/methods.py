@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from .table import LAMBDA
+from .coefficients import LAMBDA
 
 __all__ = ["explicit", "implicit", "matching"]
 

@@ -4,7 +4,7 @@ import functools
 from typing import Annotated
 
 from ..core import Param, block
-from .sampled import LOW, differentiator, equation, memory
+from .differentiator import LOW, differentiator, equation, memory
 
 __all__ = ["observer"]
 

@@ -10,8 +10,8 @@ from ..core.param import positive, several, unknown
 from .analyser import ORDERS, Analysis, analyse
 from .models import model, responses
 from .power_law import PowerLaw, extrapolated, power_law
-from .records import Record
 from .results import PRDResult, PRDSweep, VectorPRD
+from .step_response import Record
 
 __all__ = ["identify", "sweep"]
 

@@ -11,7 +11,7 @@ from ..core.metrics import heads
 from ..core.param import given
 from ..interop import matrices
 from ..records import numbers
-from .records import Record
+from .step_response import Record
 
 __all__ = ["model", "responses"]
 

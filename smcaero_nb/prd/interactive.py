@@ -8,8 +8,8 @@ import numpy as np
 
 from ..core import Param, ParameterError, block
 from .identify import DEFAULT, SHORTEST, SPAN, identify, named, recorded
-from .records import Record
 from .results import PRDResult, PRDSweep, VectorPRD
+from .step_response import Record
 
 __all__ = ["Probe", "experiment"]
 

@@ -11,9 +11,9 @@ import numpy as np
 from ..core import Param, ParameterError, block
 from ..core.param import refused
 from ..records import Table, finite, record
+from .differentiate import differentiate
+from .differentiator import LOW, METHODS, per
 from .lipschitz import lipschitz
-from .recorded import differentiate
-from .sampled import LOW, METHODS, per
 
 __all__ = ["Signal", "Trial", "read_csv", "trial"]
 

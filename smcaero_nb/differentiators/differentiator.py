@@ -8,8 +8,8 @@ from typing import Annotated
 from ..core import Param, block
 from ..core.param import chosen
 from ..core.signal import first, generated, leaves, text
+from .coefficients import LAMBDA
 from .methods import explicit, implicit, matching, newton
-from .table import LAMBDA
 
 __all__ = ["differentiator"]
 

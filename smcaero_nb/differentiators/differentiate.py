@@ -10,9 +10,9 @@ from ..core import ParameterError
 from ..core.cache import compiled, fingerprint, kept
 from ..core.signal import text
 from ..records import finite, record
+from .differentiator import differentiator, orders
 from .lipschitz import scale
 from .record import EVEN, gap
-from .sampled import differentiator, orders
 
 __all__ = ["differentiate"]
 
