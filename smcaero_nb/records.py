@@ -11,7 +11,7 @@ import numpy as np
 
 from .core.param import ParameterError, listed, real, refused, said
 
-__all__ = ["Table", "finite", "numbers", "record"]
+__all__ = ["EVEN", "Table", "check_samples", "columns", "longest_step", "numbers", "record"]
 
 DELIMITERS = {",": "comma", ";": "semicolon", "\t": "tab", None: "blank"}
 LONGEST = 131_072  # characters of a field in quotes
@@ -184,6 +184,10 @@ class Table:
                             line)
         return values, self.units[j]
 
+    def chosen(self, *names):
+        """The names given; in place of None, the name of the column at that position."""
+        return [n if given is None else given for n, given in zip(self.names, names, strict=False)]
+
     def times(self, name):
         """The column of time [s], which increases."""
         t, unit = self.column("t", name)
@@ -203,7 +207,9 @@ class Table:
 
 
 # ---- samples --------------------------------------------------------------------------------------
-EXACT = 2.0**53  # up to which float64 knows every whole number
+EXACT = 2.0**53  # float64 holds every whole number up to this
+GAP = 10.0  # a step longer than this times what nine of ten steps do not exceed is a gap
+EVEN = 0.01  # of the mean step: steps that differ by less count as equal
 #: {kind of a dtype: what it holds, and the way out}
 REFUSED = {
     "M": "dates; give seconds from some time on: (t - t[0])/np.timedelta64(1, 's')",
@@ -260,7 +266,7 @@ def numbers(owner, name, values):
     return made
 
 
-def record(owner, t, y, name="y"):
+def columns(owner, t, y, name="y"):
     """Times and samples as two arrays of float, of the same length; else `ParameterError`."""
     t, y = numbers(owner, "t", t), numbers(owner, name, y)
     if t.ndim != 1 or t.shape != y.shape or len(t) < 2:
@@ -269,7 +275,7 @@ def record(owner, t, y, name="y"):
     return t, y
 
 
-def finite(owner, t, y, name="y"):
+def check_samples(owner, t, y, name="y"):
     """Raise `ParameterError` unless samples are finite and times increase within float64."""
     for n, q in (("t", t), (name, y)):
         if len(bad := np.flatnonzero(~np.isfinite(q))):
@@ -286,3 +292,17 @@ def finite(owner, t, y, name="y"):
     if span == np.inf:
         raise ParameterError(f"{owner}: t from {t[0]:g} to {t[-1]:g} s is not allowed; it must "
                              "span less than 1e308 s")
+
+
+def record(owner, t, y, name="y"):
+    """Times and samples as two new arrays of float, finite, the times increasing."""
+    t, y = (q.copy() for q in columns(owner, t, y, name))
+    check_samples(owner, t, y, name)
+    return t, y
+
+
+def longest_step(t):
+    """Longest step that is not yet a gap, found from about ten thousand of the steps."""
+    stride = max(1, len(t)//10_000)
+    with np.errstate(over="ignore"):
+        return GAP*float(np.quantile(t[1::stride] - t[:-1:stride], 0.9, method="lower"))

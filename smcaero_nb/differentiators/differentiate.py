@@ -9,10 +9,9 @@ import numpy as np
 from ..core import ParameterError
 from ..core.cache import compiled, fingerprint, kept
 from ..core.signal import text
-from ..records import finite, record
+from ..records import EVEN, check_samples, columns, longest_step
 from .differentiator import differentiator, orders
 from .lipschitz import scale
-from .record import EVEN, gap
 
 __all__ = ["differentiate"]
 
@@ -111,7 +110,7 @@ def differentiate(t, f, L, n_d, n_f=0, method="levant"):
     >>> differentiate(t, np.sin(t), 1.0, 1)[:, -1].round(3)  # sin 5 = -0.959, cos 5 = 0.284
     array([-0.959,  0.283])
     """
-    t, f = record("differentiate", t, f, "f")
+    t, f = columns("differentiate", t, f, "f")
     n_d, n_f = orders("differentiate", n_d, n_f)
     blk = differentiator(n_d, n_f, method)
     first = np.array([blk.z0])
@@ -119,16 +118,16 @@ def differentiate(t, f, L, n_d, n_f=0, method="levant"):
         L, span, edges = scale(t, f, n_d)
         first = np.array([(*blk.z0[:n_f], *_start(t[a:b], f[a:b], n_d, span), 1.0) for a, b in pairwise(edges)])
     blk = blk.with_(L=L)
-    longest, even = gap(t), 0.0
+    longest, even = longest_step(t), 0.0
     if method == "implicit" or not longest < math.inf:  # or the pass would not even start
-        finite("differentiate", t, f, "f")
+        check_samples("differentiate", t, f, "f")
     if method == "implicit":
         even = np.diff(t)
         even = float(even[even <= longest].mean())
     out = np.empty((n_d + 1, len(t)))
     k, gaps = _pass(method, blk, n_d)(t, f, out, first, blk.values["L"], longest, even)
     if k < len(t):
-        finite("differentiate", t, f, "f")
+        check_samples("differentiate", t, f, "f")
         raise ParameterError(f"differentiate: method = 'implicit' needs even steps, but that from t[{k}] = {t[k]:g} s is "
                              f"{t[k + 1] - t[k]:g} s, their mean {even:g} s; method = 'levant' takes any")
     if not np.isfinite(out).all():

@@ -9,23 +9,10 @@ from ..core import Param, block
 from ..core.param import chosen
 from ..core.signal import first, generated, leaves, text
 from .coefficients import LAMBDA
-from .methods import explicit, implicit, matching, newton
+from .methods import METHODS, newton
 
 __all__ = ["differentiator"]
 
-#: {method: (the lines of its step, what its help says of it)}
-METHODS = {
-    "levant": (explicit, """Explicit steps with Taylor's terms, of samples before t: without noise the error of z_i is of the
-    order tau^({order} - i)."""),
-    "implicit": (implicit, """Backward Euler steps, solved for the next s, and estimates freed of the bias of backward
-    differences. They use the sample at t. Without noise z_0 is exact, the error of z_i of the order tau^({order} - i), and
-    nothing chatters."""),
-    "matching": (matching, """Explicit steps, of samples before t, with the eigenvalues exp(tau p_j (L/|s|)^(1/{N})), p_j the
-    roots of the polynomial with the coefficients (1, lambda_{n}, ..., lambda_0): without noise the error of z_i is of the order
-    tau^({order} - i)."""),
-    "euler": (functools.partial(explicit, taylor=False), """Euler's steps, for teaching. Without Taylor's terms z_1, z_2, ...
-    have errors of the order tau, whatever n_d."""),
-}
 LIMIT = 7  # highest order that float64 serves
 LOW = 1e-200  # of L in any unit; with less, its products with powers of tau would underflow
 

@@ -4,18 +4,19 @@ import io
 import math
 import warnings
 from dataclasses import dataclass
-from typing import Annotated, Literal, NamedTuple
+from typing import Annotated, Literal
 
 import numpy as np
 
 from ..core import Param, ParameterError, block
 from ..core.param import refused
-from ..records import Table, finite, record
+from ..records import record
 from .differentiate import differentiate
-from .differentiator import LOW, METHODS, per
+from .differentiator import LOW, per
 from .lipschitz import lipschitz
+from .methods import METHODS
 
-__all__ = ["Signal", "Trial", "read_csv", "trial"]
+__all__ = ["Trial", "trial"]
 
 FACTORS = (4.0, 2.0, 1.0, 0.5, 0.25)  # times tau: sampling steps of the accuracy
 LEAST, MOST = 100, 500_000  # samples of a trial
@@ -27,15 +28,6 @@ Filter = Annotated[int, Param("n_f", low=0, high=12, slider=(0, 6), help="order 
 Method = Annotated[Literal[tuple(METHODS)], Param("method", help="how a step is made")]
 Bound = Annotated[float, Param("L", "[f]/s^n", low=LOW, log=True, slider=(1e-2, 1e4), help="bound of the derivative n, n_d + 1")]
 Found = Annotated[bool, Param("find L", help="estimate the bound from the samples")]
-
-
-class Signal(NamedTuple):
-    """A record; made by `read_csv`. Times `t` [s], samples `f`, its `name`, and `about`, where it comes from, in words."""
-
-    t: np.ndarray
-    f: np.ndarray
-    name: str
-    about: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,46 +85,14 @@ class Trial:
             f"|z_{i} - f^({i})| {e:.2g}" for i, e in enumerate(self.errors))
 
 
-def read_csv(path, t=None, f=None):
-    """Read a sampled signal from a text file.
-
-    Parameters
-    ----------
-    path : str, path or open file
-        As in `prd.read_csv`.
-    t, f : str, optional
-        Names of the columns of time and signal; default: the first two.
-
-    Returns
-    -------
-    Signal
-        ``trial(read_csv(path))`` tries differentiators on it.
-
-    Raises
-    ------
-    ParameterError
-        A file that cannot be read; a field that is not a finite number, a line with a field too few or too many, times that
-        do not increase, by line and column; a column that is not there.
-
-    Notes
-    -----
-    Not in the paper.
-    """
-    table = Table("differentiators.read_csv", path)
-    t, f = (n if given is None else given for n, given in zip(table.names, (t, f), strict=False))
-    return Signal(table.times(t), table.column("f", f)[0], table.name, table.about(t=t, f=f))
-
-
-def _recorded(signal):
-    """Times and samples of a signal, checked, as arrays of the trial's own."""
+def _samples(signal):
+    """Times and samples of a signal, checked."""
     try:
         t, f = signal[:2]
     except (TypeError, ValueError, LookupError):
         raise refused("differentiators.trial", "signal", signal,
                       "(t, f), or what read_csv gives") from None
-    t, f = (q.copy() for q in record("differentiators.trial", t, f, "f"))
-    finite("differentiators.trial", t, f, "f")
-    return t, f
+    return record("differentiators.trial", t, f, "f")
 
 
 def trial(signal=None):
@@ -178,7 +138,7 @@ def trial(signal=None):
         return differentiate(t, f, "auto" if found else L, **how), used
 
     if signal is not None:
-        t, f = _recorded(signal)
+        t, f = _samples(signal)
 
         def differentiation(n_d: Order = 2, n_f: Filter = 0, method: Method = "levant", found: Found = True, L: Bound = GUESS):
             z, L = estimated(t, f, L, found, dict(n_d=n_d, n_f=n_f, method=method))

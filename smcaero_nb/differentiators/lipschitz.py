@@ -5,8 +5,7 @@ import math
 import numpy as np
 
 from ..core import Param, ParameterError
-from ..records import finite, record
-from .record import EVEN, gap
+from ..records import EVEN, longest_step, record
 
 __all__ = ["lipschitz", "scale"]
 
@@ -60,7 +59,6 @@ def scale(t, f, n_d):
     """The bound, the time over which the derivative n_d + 1 stands out of the noise, and where the pieces between gaps begin."""
     t, f = record("lipschitz", t, f, "f")
     n_d = Param(low=0, high=12).check("lipschitz", "n_d", n_d, int)
-    finite("lipschitz", t, f, "f")
     with np.errstate(all="ignore"):
         found = _scale(t, f, n_d)
     if not 0.0 < found[0] < np.inf:
@@ -72,7 +70,7 @@ def scale(t, f, n_d):
 
 def _scale(t, f, n_d):
     steps = np.diff(t)
-    edges = np.array([0, *(np.flatnonzero(steps > gap(t)) + 1), len(t)])
+    edges = np.array([0, *(np.flatnonzero(steps > longest_step(t)) + 1), len(t)])
     i = np.argmax(np.diff(edges))
     t, f = t[edges[i]:edges[i + 1]], f[edges[i]:edges[i + 1]]
     steps, n = steps[edges[i]:edges[i + 1] - 1], n_d + 1

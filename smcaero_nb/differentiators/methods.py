@@ -8,13 +8,14 @@ next states, called n_0..n_n, from the states, the sample f, tau and L, and the 
 which is L^((i+1)/(n+1)) |s|^((n-i)/(n+1)) sign(s) with one root instead of n.
 """
 
+import functools
 import math
 
 import numpy as np
 
 from .coefficients import LAMBDA
 
-__all__ = ["explicit", "implicit", "matching"]
+__all__ = ["METHODS", "newton"]
 
 
 def root(x, n):
@@ -135,3 +136,18 @@ def matching(n_d, n_f, x):
         motion = tail(n_f, x, i)
         lines.append(f"n_{i} = {x[i]} + {motion + ' ' if motion else ''}- ({' + '.join(terms)})*s" + "/tau"*i)
     return lines, x[n_f:]
+
+
+#: {method: (the lines of its step, what its help says of it)}
+METHODS = {
+    "levant": (explicit, """Explicit steps with Taylor's terms, of samples before t: without noise the error of z_i is of the
+    order tau^({order} - i)."""),
+    "implicit": (implicit, """Backward Euler steps, solved for the next s, and estimates freed of the bias of backward
+    differences. They use the sample at t. Without noise z_0 is exact, the error of z_i of the order tau^({order} - i), and
+    nothing chatters."""),
+    "matching": (matching, """Explicit steps, of samples before t, with the eigenvalues exp(tau p_j (L/|s|)^(1/{N})), p_j the
+    roots of the polynomial with the coefficients (1, lambda_{n}, ..., lambda_0): without noise the error of z_i is of the order
+    tau^({order} - i)."""),
+    "euler": (functools.partial(explicit, taylor=False), """Euler's steps, for teaching. Without Taylor's terms z_1, z_2, ...
+    have errors of the order tau, whatever n_d."""),
+}

@@ -7,7 +7,7 @@ import numpy as np
 
 from ..core import Param, ParameterError
 from ..core.param import listed, texted
-from ..records import Table, finite, record
+from ..records import Table, record
 
 __all__ = ["Record", "read_csv"]
 
@@ -65,11 +65,10 @@ class Record:
 
     def __post_init__(self):
         for n, q in zip("ty", record("prd.Record", self.t, self.y), strict=True):
-            object.__setattr__(self, n, q.copy())  # what is measured stays as it was given
+            object.__setattr__(self, n, q)
         t, n = self.t, len(self.t)
         if n < BEFORE + AFTER:
             refuse("t", f"has {n} values; there must be at least {BEFORE} before the step and {AFTER} after it")
-        finite("prd.Record", t, self.y)
         off = np.abs(t - np.linspace(t[0], t[-1], n))
         if off.max() > JITTER*self.h:
             k = np.argmax(np.abs(np.diff(t) - np.median(np.diff(t)))) + 1
@@ -142,7 +141,7 @@ def read_csv(path, t=None, y=None, u=None, *, step_time=None, amplitude=None):
     if len(table.names) > 3 and (t is None or y is None):
         table.refuse(f"there are {len(table.names)} columns ({listed(table.names)}): say which are "
                      "t and y, and u where there is an input")
-    t, y = (n if given is None else given for n, given in zip(table.names, (t, y), strict=False))
+    t, y = table.chosen(t, y)
     if u is None and len(table.names) == 3:
         u = next((n for n in table.names if n not in (t, y)), None)
     for name, value, unit in (("step_time", step_time, "s"), ("amplitude", amplitude, "[u]")):
