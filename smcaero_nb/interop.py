@@ -121,9 +121,11 @@ def from_control(sys):
     Returns
     -------
     Block
-        A plant, with the states of `sys` by name (``x0``, ``x1``, ... of a transfer function), all 0 at the start unless
-        set. Its attribute `y` is the block of the output stage: ``ClosedLoop(plant, output=plant.y, ...)``. With one
-        input, u is a float, with more a tuple of them; so is y.
+        A plant, with the states of `sys` by name (``x0``, ``x1``, ... of a transfer function), all 0
+        at the start unless set. Its attribute `y` is the block of the output stage:
+        ``ClosedLoop(plant, output=plant.y, ...)``. With one input, u is a float, with several a
+        tuple of them. With one output, y is a float; with several it is ``((y0,), (y1,), ...)``,
+        one channel per output, each without derivatives.
 
     Raises
     ------
@@ -163,7 +165,7 @@ def from_control(sys):
     asked, acts = ("x, u, d", acting) if D.any() else ("x", "")
     names = {"__name__": __name__, "driven": driven}
     exec(f"def f(x, u, d):\n{unpacked}{acting}    return ({rates},)\n"
-         f"def g({asked}):\n{unpacked}{acts}    return {ys[0] if p == 1 else '(' + ', '.join(ys) + ')'}\n", names)
+         f"def g({asked}):\n{unpacked}{acts}    return {ys[0] if p == 1 else '(' + ', '.join(f'({q},)' for q in ys) + ')'}\n", names)
     f, g = names["f"], names["g"]
     f.__name__, g.__name__ = name, f"output_of_{name}"
     f.__doc__ = DOC.format(name=sys.name, n=len(A), m=m, p=p)

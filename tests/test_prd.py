@@ -239,8 +239,30 @@ def test_vector_relative_degree_of_a_block():
     assert result.prd == (2, 1) and result.confirmed
     assert [[q.prd for q in row] for row in result.results] == [[2, None], [None, 1]]
     assert "does not respond" in result.results[0][1].reason
-    flat = prd.identify(axes, output=block(lambda x: (x[0], x[1])))  # two outputs, not an output and its derivative
-    assert flat.prd == (2, 1)
+
+
+def test_a_flat_output_is_one_output_and_its_derivative_however_many_inputs_there_are():
+    found = prd.identify(axes, output=block(lambda x: (x[0], x[1])))
+    assert found.prd == (2,) and [[q.prd for q in row] for row in found.results] == [[2, None]]
+    assert prd.identify(axes).prd == (2, 1, 1)  # without an output, each state is one
+
+
+@pytest.mark.parametrize("sys", [
+    control.tf([[[1.0]], [[1.0]]], [[[1.0, 1.0]], [[1.0, 2.0, 1.0]]]),
+    control.nlsys(lambda t, x, u, p: [x[1], -x[0] + u[0]], lambda t, x, u, p: [x[1], x[0]],
+                  inputs=1, outputs=2, states=2)], ids=["linear", "not linear"])
+def test_both_outputs_of_a_plant_with_one_input_are_identified(sys):
+    linear = isinstance(sys, control.TransferFunction)
+    for source in (sys, smc.interop.from_control(sys)) if linear else (sys,):
+        assert prd.identify(source).prd == (1, 2)
+
+
+def test_a_sweep_of_a_block_with_several_outputs_is_that_of_its_system():
+    sys = control.tf([[[1.0], [0.5]], [[0.2], [1.0]]],
+                     [[[1.0, 1.0], [1.0, 2.0]], [[1.0, 1.5], [1.0, 3.0, 1.0]]])
+    wanted = prd.sweep(sys, (0.02, 0.1))
+    found = prd.sweep(smc.interop.from_control(sys), (0.02, 0.1))
+    assert found.prd == wanted.prd and str(found) == str(wanted)
 
 
 def test_an_output_that_nothing_acts_on_has_no_relative_degree():

@@ -38,7 +38,7 @@ def _pass(method, blk, n_d):
     """The pass for a block, from memory, from disk, or compiled now."""
     from numba import config, float64, njit
 
-    key = f"differentiate {fingerprint(blk.f)}", config.DISABLE_JIT
+    key = f"{__name__} {fingerprint(blk.f)}", config.DISABLE_JIT
     if key not in _made:
         late = method == "implicit"
         names = dict(step=blk.f if config.DISABLE_JIT else compiled(blk.f), inf=math.inf, __name__=__name__)

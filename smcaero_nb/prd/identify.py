@@ -145,8 +145,8 @@ def identify(source, *, output=None, surface=None, window=None, alpha=0.1, ampli
         `control.TransferFunction`, `StateSpace` or `NonlinearIOSystem`, continuous; a `Record`, such as `read_csv` gives;
         or (t, y, step_time, amplitude) [s], [y], [s], [u].
     output, surface : Block, optional
-        Of a plant block: what is measured (default: the block's own output, else its states, for one input the first), and a
-        sliding variable of it, which is then what is identified.
+        Of a plant block: what is measured (default: the block's own output, else its states; with
+        one input the first of them), and a sliding variable of it, which is then what is identified.
     window : float, optional
         w [s]: what happens within it counts as at once. Default: 0.02 s for models; for a record, of those that are 1/1.25,
         1/2.5, 1/5, ... of what follows the step, the shortest at which the power law shows, or one of the next two. It is the
@@ -188,8 +188,9 @@ def identify(source, *, output=None, surface=None, window=None, alpha=0.1, ampli
     two disagree and the record is noisy, or neither can tell, `prd` is None and `reason` says why: a wrong answer is worse than
     none. With the window left to it, a record has a confirmed answer or none.
 
-    Models are simulated with 200 steps a window, linear ones exactly; a model that moves without input has its unforced
-    motion taken off. A plant with a tuple of numbers as output and several inputs has one output an entry.
+    Models are simulated with 200 steps per window, linear ones exactly; the unforced motion of a
+    model that moves without input is subtracted. The output of a block is nested as everywhere:
+    ``((a, a'), (b,))`` are two outputs, ``(a, a')`` is one, with its derivative.
 
     The paper gives alpha = 0.1 but no formula for it. The analyser here is one that gives its answers: 5 for eq (7) at 20 ms,
     and for `lv.launcher` 5 at 20 ms, 3 at 0.3 s and, as its design takes it, 2 at 0.6 s. It compares what a derivative

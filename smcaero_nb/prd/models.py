@@ -103,7 +103,7 @@ def _nonlinear(source, h, amplitude, x0):
 
     def output(t, x, u):
         y = tuple(map(float, np.atleast_1d(source.output(t, np.array(x), np.atleast_1d(u)))))
-        return y if len(y) > 1 else y[0]
+        return tuple((q,) for q in y) if len(y) > 1 else y[0]
 
     try:
         motion(0.0, x0, np.zeros(source.ninputs), 0.0), output(0.0, x0, np.zeros(source.ninputs))
@@ -124,6 +124,7 @@ def _block(source, output, surface, h, amplitude, most=COMPILED):
         plant, output = source, getattr(source, "y", None) if output is None else output
     u, d = inputs(plant)
     m = len(u) if isinstance(u, tuple) else 1
+    many = m > 1 and not (output and surface is None)  # states and sigma: one each
     finer = _finer(plant.name, lambda x: plant(*({"t": 0.0, "x": tuple(x), "u": u, "d": d}[n] for n in plant.signals)),
                    plant.z0, h, most)
     heights = [f"u_{j}" for j in range(m)]
@@ -139,7 +140,7 @@ def _block(source, output, surface, h, amplitude, most=COMPILED):
         if run.diverged_at is not None:
             raise _diverged(plant.name, run.diverged_at - REST*h)
         s = run.y if surface is None else run.sigma
-        return np.array(heads(s, (m > 1 or most == PLAIN) and isinstance(s, tuple)))[:, :REST + MOTION]
+        return np.array(heads(s, many))[:, :REST + MOTION]
 
     free = moved()
     return plant.name, [moved(**{f"law__u_{j}": amplitude}) - free for j in range(m)]
