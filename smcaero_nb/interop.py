@@ -161,16 +161,17 @@ def from_control(sys):
     name = _identifiers([sys.name])[0]
     rates = ", ".join(_row([*a, *b], x + u) for a, b in zip(A, B, strict=True))
     ys = [_row([*c, *d], x + u) for c, d in zip(C, D, strict=True)]
+    y = ys[0] if p == 1 else "(" + "".join(f"({q},), " for q in ys) + ")"
     unpacked, acting = f"    {', '.join(x)}, = x\n", f"    {', '.join(u)}, = driven(u, d)\n"
     asked, acts = ("x, u, d", acting) if D.any() else ("x", "")
     names = {"__name__": __name__, "driven": driven}
     exec(f"def f(x, u, d):\n{unpacked}{acting}    return ({rates},)\n"
-         f"def g({asked}):\n{unpacked}{acts}    return {ys[0] if p == 1 else '(' + ', '.join(f'({q},)' for q in ys) + ')'}\n", names)
+         f"def g({asked}):\n{unpacked}{acts}    return {y}\n", names)
     f, g = names["f"], names["g"]
     f.__name__, g.__name__ = name, f"output_of_{name}"
     f.__doc__ = DOC.format(name=sys.name, n=len(A), m=m, p=p)
-    y = "C x + D (u + d)" if acts else "C x"
-    g.__doc__ = f"Output of {sys.name}: y = {y}.\n\n    .. math:: y = {y}\n    "
+    equation = "y = C x + D (u + d)" if acts else "y = C x"
+    g.__doc__ = f"Output of {sys.name}: {equation}.\n\n    .. math:: {equation}\n    "
     symbols = [re.sub(r"^([a-zA-Z])_?(\d+)$", r"\1_{\2}", s) if re.match(r"^[a-zA-Z]_?\d+$", s) else
                r"\mathrm{" + s.replace("_", r"\_") + "}" for s in states]
     plant = block(state={s: (0.0, Param(q)) for s, q in zip(states, symbols, strict=True)})(f)
