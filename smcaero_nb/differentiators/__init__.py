@@ -1,4 +1,4 @@
-"""Robust exact differentiation: e, e', ..., e^(n_d) of a sampled, noisy signal, in a loop or from a record."""
+"""Robust exact differentiation of a sampled, noisy signal, in a loop or from a record."""
 
 from .coefficients import LAMBDA
 from .differentiate import differentiate
@@ -8,4 +8,5 @@ from .lipschitz import lipschitz
 from .observer import observer
 from .signal import Signal, read_csv
 
-__all__ = ["LAMBDA", "Signal", "Trial", "differentiate", "differentiator", "lipschitz", "observer", "read_csv", "trial"]
+__all__ = ["LAMBDA", "Signal", "Trial", "differentiate", "differentiator", "lipschitz", "observer",
+           "read_csv", "trial"]

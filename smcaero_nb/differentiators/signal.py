@@ -1,6 +1,6 @@
 """Recorded signals, read from text files."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -10,7 +10,10 @@ __all__ = ["Signal", "read_csv"]
 
 
 class Signal(NamedTuple):
-    """A record; made by `read_csv`. Times `t` [s], samples `f`, its `name`, and `about`, where it comes from, in words."""
+    """Recorded signal: times `t` [s], samples `f`, its `name`, and `about`, its origin in words.
+
+    Made by `read_csv`.
+    """
 
     t: np.ndarray
     f: np.ndarray
@@ -18,7 +21,7 @@ class Signal(NamedTuple):
     about: str
 
 
-def read_csv(path, t=None, f=None):
+def read_csv(path: Any, t: str | None = None, f: str | None = None) -> Signal:
     """Read a sampled signal from a text file.
 
     Parameters
@@ -36,8 +39,8 @@ def read_csv(path, t=None, f=None):
     Raises
     ------
     ParameterError
-        A file that cannot be read; a field that is not a finite number, a line with a field too few or too many, times that
-        do not increase, by line and column; a column that is not there.
+        A file that cannot be read; a field that is not a finite number, a line with a field too few
+        or too many, times that do not increase, by line and column; a column that is not there.
 
     Notes
     -----
