@@ -2,57 +2,65 @@
 
 import keyword
 import re
+from typing import Any
 
 import numpy as np
 
-from .core import Param, ParameterError, block
+from .core import Block, Param, ParameterError, block
 from .core.signal import generated, leaves
 
 __all__ = ["from_control"]
 
 
-def _driven(u, d):
+def _total(u, d):
     paths, many = leaves(u), leaves(d)
     if d is not None and len(many) != len(paths):
-        raise ValueError(f"the perturbation has {len(many)} components, but the input has {len(paths)}")
-    return "return (" + "".join(f"u{q} + d{'' if d is None else many[i]}, " for i, q in enumerate(paths)) + ")"
+        raise ValueError(f"the perturbation has {len(many)} components, but the input has "
+                         f"{len(paths)}")
+    sums = (f"u{q} + d{'' if d is None else many[i]}, " for i, q in enumerate(paths))
+    return f"return ({''.join(sums)})"
 
 
 #: The inputs of a plant, each with its perturbation; a single number perturbs them all.
-driven = generated("u, d", _driven)
+total = generated("u, d", _total)
 
 
-def matrices(sys):
+def matrices(sys: Any) -> tuple:
     """A, B, C, D and the names of the states of a continuous proper system; see `from_control`."""
     import control  # it takes a second to import, so only here
 
     if not isinstance(sys, (control.TransferFunction, control.StateSpace)):
-        raise ParameterError(f"interop.from_control: sys = {type(sys).__name__} is not allowed; it must be a control."
-                             "TransferFunction or control.StateSpace")
+        raise ParameterError(f"interop.from_control: sys = {type(sys).__name__} is not allowed; it "
+                             "must be a control.TransferFunction or control.StateSpace")
     if not control.isctime(sys):
         step = "of unspecified length" if sys.dt is True else f"of {sys.dt:g} s"
-        raise ParameterError(f"interop.from_control: sys is discrete-time, with steps {step}; a plant is continuous (dt = 0): "
-                             "the engine integrates dx/dt")
+        raise ParameterError(f"interop.from_control: sys is discrete-time, with steps {step}; a "
+                             "plant is continuous (dt = 0): the engine integrates dx/dt")
     if isinstance(sys, control.StateSpace):
         a, names = (sys.A, sys.B, sys.C, sys.D), sys.state_labels
     else:
         a = _realised(sys.num, sys.den)
         names = [f"x{i}" for i in range(len(a[0]))]
     if not all(np.isfinite(q).all() for q in a):
-        raise ParameterError("interop.from_control: sys has a coefficient that is not a finite number")
+        raise ParameterError("interop.from_control: sys has a coefficient that is not a finite "
+                             "number")
     return *(np.asarray(q, float) for q in a), names
 
 
 def _realised(num, den):
-    """Controllable companion forms, one for each input and denominator: sparse, and minimal for one input and output."""
+    """Controllable companion forms, one per input and denominator.
+
+    They are sparse, and minimal for one input and output.
+    """
     chains = {}  # (input, denominator): {output: numerator}
     D = np.zeros((len(num), len(num[0])))
     for i, row in enumerate(num):
         for j, q in enumerate(row):
             b, a = (np.trim_zeros(np.atleast_1d(p), "f") for p in (q, den[i][j]))
             if len(b) > len(a):
-                raise ParameterError(f"interop.from_control: sys is improper from input {j + 1} to output {i + 1}: degree "
-                                     f"{len(b) - 1} over {len(a) - 1}; the numerator's may be at most the denominator's")
+                raise ParameterError(f"interop.from_control: sys is improper from input {j + 1} to "
+                                     f"output {i + 1}: degree {len(b) - 1} over {len(a) - 1}; the "
+                                     "numerator's may be at most the denominator's")
             b, a = np.concatenate([np.zeros(len(a) - len(b)), b])/a[0], a/a[0]
             D[i, j] = b[0]
             if len(a) > 1 and b.any():
@@ -76,13 +84,15 @@ def _identifiers(names):
     for i, name in enumerate(names):
         s = re.sub(r"\W+", "_", str(name), flags=re.ASCII).strip("_") or f"x{i}"
         s = f"x_{s}" if s[0].isdigit() or keyword.iskeyword(s) else s
-        made.append(next(q for q in (s, *(f"{s}_{j}" for j in range(i, i + len(names) + 1))) if q not in made))
+        made.append(next(q for q in (s, *(f"{s}_{j}" for j in range(i, i + len(names) + 1)))
+                         if q not in made))
     return made
 
 
 def _row(coefficients, names):
     """Text of a sum of products, without those that are zero."""
-    terms = [n if c == 1.0 else f"{float(c)!r}*{n}" for c, n in zip(coefficients, names, strict=True) if c != 0.0]
+    terms = [n if c == 1.0 else f"{float(c)!r}*{n}"
+             for c, n in zip(coefficients, names, strict=True) if c != 0.0]
     return " + ".join(terms) or "0.0"
 
 
@@ -108,7 +118,7 @@ DOC = r"""Linear plant {name}: {n} states, {m} input(s), {p} output(s).
     """
 
 
-def from_control(sys):
+def from_control(sys: Any) -> Block:
     r"""Plant block of a linear system of python-control.
 
     .. math:: \dot x = A x + B (u + d), \qquad y = C x + D (u + d)
@@ -121,24 +131,28 @@ def from_control(sys):
     Returns
     -------
     Block
-        A plant, with the states of `sys` by name (``x0``, ``x1``, ... of a transfer function), all 0 at the start unless
-        set. Its attribute `y` is the block of the output stage: ``ClosedLoop(plant, output=plant.y, ...)``. With one
-        input, u is a float, with more a tuple of them; so is y.
+        A plant, with the states of `sys` by name (``x0``, ``x1``, ... of a transfer function), all
+        0 at the start unless set. Its attribute `y` is the block of the output stage:
+        ``ClosedLoop(plant, output=plant.y, ...)``. With one input, u is a float, with several a
+        tuple of them. With one output, y is a float; with several it is ``((y0,), (y1,), ...)``,
+        one channel per output, each without derivatives.
 
     Raises
     ------
     ParameterError
-        A system that is improper, discrete-time, without states or of another kind.
+        If the system is improper, discrete-time, without states or of another kind.
 
     Notes
     -----
-    The sums are written out without the zeros of A, B, C, D, and compile into the loop like any other block. A transfer
-    function is realised in controllable companion form, one for each input and denominator: minimal for one input and
-    output, not always for more. The coefficients are constants: another system is another block, and compiles anew.
+    The sums are written out without the zeros of A, B, C, D, and compile into the loop like any
+    other block. A transfer function is realised in controllable companion form, one for each input
+    and denominator: minimal for one input and output, not always for more. The coefficients are
+    constants: another system is another block, and compiles anew.
 
-    With a direct feedthrough (D other than 0: relative degree 0) a sample measures y under the control of the sample before,
-    and its own acts from then on: no loop is algebraic. But feedback of a gain K then settles only if K D is less than 1 in
-    size (its eigenvalues), however short the sampling step; put the lag of the actuator or of the sensor in series.
+    With a direct feedthrough (D other than 0: relative degree 0) a sample measures y under the
+    control of the sample before, and its own acts from then on: no loop is algebraic. But feedback
+    of a gain K then settles only if K D is less than 1 in size (its eigenvalues), however short the
+    sampling step; put the lag of the actuator or of the sensor in series.
 
     Not in the paper.
 
@@ -159,16 +173,17 @@ def from_control(sys):
     name = _identifiers([sys.name])[0]
     rates = ", ".join(_row([*a, *b], x + u) for a, b in zip(A, B, strict=True))
     ys = [_row([*c, *d], x + u) for c, d in zip(C, D, strict=True)]
-    unpacked, acting = f"    {', '.join(x)}, = x\n", f"    {', '.join(u)}, = driven(u, d)\n"
+    y = ys[0] if p == 1 else "(" + "".join(f"({q},), " for q in ys) + ")"
+    unpacked, acting = f"    {', '.join(x)}, = x\n", f"    {', '.join(u)}, = total(u, d)\n"
     asked, acts = ("x, u, d", acting) if D.any() else ("x", "")
-    names = {"__name__": __name__, "driven": driven}
+    names = {"__name__": __name__, "total": total}
     exec(f"def f(x, u, d):\n{unpacked}{acting}    return ({rates},)\n"
-         f"def g({asked}):\n{unpacked}{acts}    return {ys[0] if p == 1 else '(' + ', '.join(ys) + ')'}\n", names)
+         f"def g({asked}):\n{unpacked}{acts}    return {y}\n", names)
     f, g = names["f"], names["g"]
     f.__name__, g.__name__ = name, f"output_of_{name}"
     f.__doc__ = DOC.format(name=sys.name, n=len(A), m=m, p=p)
-    y = "C x + D (u + d)" if acts else "C x"
-    g.__doc__ = f"Output of {sys.name}: y = {y}.\n\n    .. math:: y = {y}\n    "
+    equation = "y = C x + D (u + d)" if acts else "y = C x"
+    g.__doc__ = f"Output of {sys.name}: {equation}.\n\n    .. math:: {equation}\n    "
     symbols = [re.sub(r"^([a-zA-Z])_?(\d+)$", r"\1_{\2}", s) if re.match(r"^[a-zA-Z]_?\d+$", s) else
                r"\mathrm{" + s.replace("_", r"\_") + "}" for s in states]
     plant = block(state={s: (0.0, Param(q)) for s, q in zip(states, symbols, strict=True)})(f)

@@ -1,4 +1,4 @@
-"""Records: text files of numbers, columns by name, and the one check of samples that a user gives."""
+"""Records: text files of numbers, with columns by name, and the one check of a user's samples."""
 
 import csv
 import math
@@ -6,12 +6,13 @@ import os
 import pathlib
 import re
 from functools import cached_property
+from typing import Any, NoReturn
 
 import numpy as np
 
 from .core.param import ParameterError, listed, real, refused, said
 
-__all__ = ["Table", "finite", "numbers", "record"]
+__all__ = ["EVEN", "Table", "check_samples", "columns", "longest_step", "numbers", "record"]
 
 DELIMITERS = {",": "comma", ";": "semicolon", "\t": "tab", None: "blank"}
 LONGEST = 131_072  # characters of a field in quotes
@@ -20,8 +21,8 @@ GROUPED = re.compile(r"[+-]?[1-9]\d{0,2}[.,]\d{3}")  # its mark may separate tho
 #: {mark: numbers whose thousands it separates, with the other one before the decimals}
 THOUSANDS = {".": re.compile(r"[+-]?\d{1,3}(\.\d{3})+(,\d*)?"),
              ",": re.compile(r"[+-]?\d{1,3}(,\d{3})+(\.\d*)?")}
-SECONDS = {"": 1.0, "s": 1.0, "sec": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "ns": 1e-9, "min": 60.0,
-           "h": 3600.0}
+SECONDS = {"": 1.0, "s": 1.0, "sec": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6,
+           "μs": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0}
 
 
 def _decoded(data):
@@ -36,12 +37,12 @@ def _decoded(data):
 class Table:
     """Lines of numbers under a line of names.
 
-    Commas, semicolons, tabs or blanks stand between the numbers; lines that begin with ``#`` or ``%`` are passed over, and a
-    unit stands in brackets behind the name: ``time [ms]``, ``theta (rad)``. With semicolons, tabs or blanks a comma in a number
-    is its decimal point. Where a number has both marks, as 1.234,5 or 1,234.5, the first separates
-    thousands in the whole file. Where some numbers have commas and others points, one such as 1.234
-    may mean either and is refused. What is neither UTF-8 nor UTF-16 with its mark is read as
-    Windows-1252.
+    Commas, semicolons, tabs or blanks stand between the numbers; lines that begin with ``#`` or
+    ``%`` are skipped, and a unit follows the name in brackets: ``time [ms]``, ``theta (rad)``. With
+    semicolons, tabs or blanks a comma in a number is its decimal point. Where a number has both
+    marks, as 1.234,5 or 1,234.5, the first separates thousands in the whole file. Where some
+    numbers have commas and others points, one such as 1.234 may mean either and is refused. What is
+    neither UTF-8 nor UTF-16 with its mark is read as Windows-1252.
 
     Parameters
     ----------
@@ -60,44 +61,48 @@ class Table:
     Raises
     ------
     ParameterError
-        A file that cannot be read, without names, or with one column only.
+        If the file cannot be read, has no names, or has one column only.
     """
 
-    def __init__(self, owner, source):
-        stream = hasattr(source, "read")
-        name = getattr(source, "name", None) if stream else source
-        if not stream and not isinstance(source, (str, os.PathLike)):
+    def __init__(self, owner: str, source: Any):
+        read = getattr(source, "read", None)
+        name = getattr(source, "name", None) if read else source
+        if not read and not isinstance(source, (str, os.PathLike)):
             raise refused(owner, "path", source, "a path or an open file")
-        path = pathlib.Path(name if isinstance(name, (str, os.PathLike)) else "file")  # that of a temporary file is a number
+        # the name of a temporary file is a number
+        path = pathlib.Path(name if isinstance(name, (str, os.PathLike)) else "file")
         self.owner, self.file, self.name, self._serves = owner, path.name, path.stem, {}
         try:
-            text = source.read() if stream else path.read_bytes()
+            text = read() if read else path.read_bytes()
             text = _decoded(text) if isinstance(text, bytes) else text
-        except (OSError, ValueError) as why:  # ValueError: what is no text, a path with a NUL, a file that is closed
+        except (OSError, ValueError) as why:  # ValueError: a path with a NUL, a closed file
             self.refuse(f"cannot be read: {getattr(why, 'strerror', None) or why}")
         lines = [(i, q) for i, q in enumerate(text.splitlines(), 1)
                  if q.strip() and q.strip()[0] not in "#%" and not q.lower().startswith("sep=")]
         if len(lines) < 2:
             self.refuse("a line of names and lines of numbers are needed")
         (self.top, head), *rows = lines
-        self.sep = next((s for s in sorted(";\t,", key=head.count, reverse=True) if s in head), None)
+        self.sep = next((s for s in sorted(";\t,", key=head.count, reverse=True) if s in head),
+                        None)
         self.lines, self._rows = zip(*rows, strict=True)
         if self.sep is None:  # a unit belongs to the name before it
             head = re.sub(r"\s*([\[(][^\])]*)", lambda q: "".join(q[1].split()), head)
-        columns = [re.match(r"([^\[(]*)(?:[\[(]([^\])]*))?", q).groups("") for q in self._split(head)]
+        columns = [q.groups("") for f in self._split(head)
+                   if (q := re.match(r"([^\[(]*)(?:[\[(]([^\])]*))?", f))]  # it always matches
         self.names, self.units = [n.strip() for n, _ in columns], [u.strip() for _, u in columns]
         if any(math.isfinite(self._number(n)) for n in self.names):
             self.refuse("the first line must hold the names of the columns, not numbers "
                         f"({listed(self.names[:4])})", self.top)
         if len(self.names) < 2:
-            self.refuse(f"only one column ('{self.names[0]}') was found; time and output are needed", self.top)
+            self.refuse(f"only one column ('{self.names[0]}') was found; time and output are "
+                        "needed", self.top)
 
     @cached_property
     def rows(self):
         """The fields of each line."""
         return [self._split(q) for q in self._rows]
 
-    def refuse(self, said, line=0):
+    def refuse(self, said: str, line: int = 0) -> NoReturn:
         """Raise `ParameterError`, naming the file and the line."""
         at = listed([self.file]) + f", line {line}"*(line > 0)
         raise ParameterError(f"{self.owner}: {at}: {said}") from None
@@ -106,11 +111,13 @@ class Table:
         if self.sep is None:
             return line.split()
         quoted = '"' in line and len(line) < LONGEST  # a field is no longer than its line
-        return [f.strip() for f in (next(csv.reader([line], delimiter=self.sep)) if quoted else line.split(self.sep))]
+        return [f.strip() for f in (next(csv.reader([line], delimiter=self.sep)) if quoted
+                                    else line.split(self.sep))]
 
     def _number(self, field):
         try:
-            return math.nan if "_" in field else float(field if self.sep == "," else field.replace(",", "."))
+            return math.nan if "_" in field else float(field if self.sep == ","
+                                                       else field.replace(",", "."))
         except ValueError:
             return math.nan
 
@@ -156,7 +163,8 @@ class Table:
         Raises
         ------
         ParameterError
-            It is not there, or serves as something else, or a field is not a finite number, by line and column.
+            If it does not exist or is used for something else, or a field is not a finite number
+            (named by line and column).
         """
         if not isinstance(name, str) or name not in self.names:
             self.refuse(f"{what} = {said(name)} is not there; the columns are {listed(self.names)}",
@@ -171,8 +179,8 @@ class Table:
         values, mixed = np.empty(len(self.rows)), any(self.marks)
         for k, (line, fields) in enumerate(zip(self.lines, self.rows, strict=True)):
             if len(fields) != len(self.names):
-                self.refuse(f"{len(fields)} columns, but the names are {len(self.names)}; the delimiter is "
-                            f"{DELIMITERS[self.sep]}", line)
+                self.refuse(f"{len(fields)} columns, but the names are {len(self.names)}; the "
+                            f"delimiter is {DELIMITERS[self.sep]}", line)
             if mixed and (other := self._unclear(fields[j])):
                 self.refuse(f"column {j + 1} ('{name}'): {said(fields[j])} may mean thousands or "
                             "decimals, because the numbers of the file have commas and points "
@@ -184,27 +192,37 @@ class Table:
                             line)
         return values, self.units[j]
 
-    def times(self, name):
+    def chosen(self, *names: str | None) -> list[str]:
+        """The names given; in place of None, the name of the column at that position."""
+        return [n if given is None else given for n, given in zip(self.names, names, strict=False)]
+
+    def times(self, name: str) -> np.ndarray:
         """The column of time [s], which increases."""
         t, unit = self.column("t", name)
         if len(wrong := np.flatnonzero(np.diff(t) <= 0.0)):
             k, j = wrong[0] + 1, self.names.index(name)
-            self.refuse(f"column {j + 1} ('{name}'): {self.rows[k][j]} after {self.rows[k - 1][j]}; times must increase",
+            self.refuse(f"column {j + 1} ('{name}'): {self.rows[k][j]} after "
+                        f"{self.rows[k - 1][j]}; times must increase",
                         self.lines[k])
         if unit.lower() not in SECONDS:
-            self.refuse(f"the unit of time [{unit}] is not known; it must be one of {', '.join(filter(None, SECONDS))}", self.top)
+            self.refuse(f"the unit of time [{unit}] is not known; it must be one of "
+                        f"{', '.join(filter(None, SECONDS))}", self.top)
         return t*SECONDS[unit.lower()]
 
     def about(self, **chosen):
         """What was found, in words, and which column serves for what."""
-        said = ", ".join(f"{what} = '{n}' [{self.units[self.names.index(n)] or ('s' if what == 't' else '?')}]"
+        said = ", ".join(f"{what} = '{n}' "
+                         f"[{self.units[self.names.index(n)] or ('s' if what == 't' else '?')}]"
                          for what, n in chosen.items() if n)
-        return f"{self.file}: {len(self.rows)} rows, {len(self.names)} columns, delimiter {DELIMITERS[self.sep]}; {said}"
+        return (f"{self.file}: {len(self.rows)} rows, {len(self.names)} columns, delimiter "
+                f"{DELIMITERS[self.sep]}; {said}")
 
 
-# ---- samples --------------------------------------------------------------------------------------
-EXACT = 2.0**53  # up to which float64 knows every whole number
+# ---- samples -------------------------------------------------------------------------------------
+EXACT = 2.0**53  # float64 holds every whole number up to this
 MASKED = "is masked in part; remove the masked values and their times, or fill them"
+GAP = 10.0  # a step longer than this times what nine of ten steps do not exceed is a gap
+EVEN = 0.01  # of the mean step: steps that differ by less count as equal
 #: {kind of a dtype: what it holds, and the way out}
 REFUSED = {
     "M": "dates; give seconds from some time on: (t - t[0])/np.timedelta64(1, 's')",
@@ -217,7 +235,7 @@ REFUSED = {
 }
 
 
-def numbers(owner, name, values):
+def numbers(owner: str, name: str, values: Any) -> np.ndarray:
     """Real numbers of any shape, as a new or the same array of float.
 
     Raises
@@ -227,7 +245,7 @@ def numbers(owner, name, values):
         text, switches, units, whole numbers above 2**53 that would be rounded, other objects, rows
         of different lengths.
     """
-    def refuse(what):
+    def refuse(what: str) -> NoReturn:
         raise ParameterError(f"{owner}: {name} {what}") from None
 
     parts = {type(v): v for v in values} if isinstance(values, (list, tuple)) else {}
@@ -264,7 +282,7 @@ def numbers(owner, name, values):
     return made
 
 
-def record(owner, t, y, name="y"):
+def columns(owner: str, t: Any, y: Any, name: str = "y") -> tuple[np.ndarray, np.ndarray]:
     """Times and samples as two arrays of float, of the same length; else `ParameterError`."""
     t, y = numbers(owner, "t", t), numbers(owner, name, y)
     if t.ndim != 1 or t.shape != y.shape or len(t) < 2:
@@ -273,7 +291,7 @@ def record(owner, t, y, name="y"):
     return t, y
 
 
-def finite(owner, t, y, name="y"):
+def check_samples(owner: str, t: np.ndarray, y: np.ndarray, name: str = "y") -> None:
     """Raise `ParameterError` unless samples are finite and times increase within float64."""
     for n, q in (("t", t), (name, y)):
         if len(bad := np.flatnonzero(~np.isfinite(q))):
@@ -290,3 +308,17 @@ def finite(owner, t, y, name="y"):
     if span == np.inf:
         raise ParameterError(f"{owner}: t from {t[0]:g} to {t[-1]:g} s is not allowed; it must "
                              "span less than 1e308 s")
+
+
+def record(owner: str, t: Any, y: Any, name: str = "y") -> tuple[np.ndarray, np.ndarray]:
+    """Times and samples as two new arrays of float, finite, the times increasing."""
+    t, y = (q.copy() for q in columns(owner, t, y, name))
+    check_samples(owner, t, y, name)
+    return t, y
+
+
+def longest_step(t: np.ndarray) -> float:
+    """Longest step that is not yet a gap, found from about ten thousand of the steps."""
+    stride = max(1, len(t)//10_000)
+    with np.errstate(over="ignore"):
+        return GAP*float(np.quantile(t[1::stride] - t[:-1:stride], 0.9, method="lower"))

@@ -5,6 +5,7 @@ import math
 import os
 import pathlib
 import random
+import shutil
 import stat
 import textwrap
 import time
@@ -293,6 +294,28 @@ def test_an_edit_in_another_process_recompiles_and_going_back_does_not(new_pytho
     third = run(*folders.values(), base)
     assert {k: v[:2] for k, v in third.items()} == {k: v[:2] for k, v in second.items()}
     assert not any(made for *_, made in third.values())
+
+
+@pytest.mark.parametrize(("file", "compiles_anew"), [
+    ("records.py", False), ("interop.py", False), ("core/signal.py", True), ("core/cache.py", True)])
+def test_editing_the_reader_of_files_keeps_every_compiled_loop_on_disk(
+        new_python, tmp_path, file, compiles_anew):
+    kit = tmp_path / "smcaero_nb"
+    shutil.copytree(pathlib.Path(smc.__file__).parent, kit,
+                    ignore=shutil.ignore_patterns("__pycache__", "ui"))
+    program = f"""
+import sys
+sys.path.insert(0, {str(tmp_path)!r})
+from smcaero_nb.core import cache
+print(cache.__file__)
+print(cache._ENGINE)
+"""
+    where, before = new_python(program).splitlines()
+    assert where == str(kit / "core" / "cache.py")
+    with open(kit / file, "a") as f:
+        f.write("# edited\n")
+    _, after = new_python(program).splitlines()
+    assert (after != before) == compiles_anew
 
 
 #: Ten children start on a sign, none of which has compiled the loop or finds it on disk.

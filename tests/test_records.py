@@ -68,7 +68,8 @@ WRONG = {
     "decimals": (lambda q: each(q, decimal.Decimal(1)), r"it holds Decimal\('1'\)"),
     "fields": (lambda q: q.view([("value", float)]), "holds fields"),
     "a unit": (lambda q: q.view(Metres), "carries a unit"),
-    "whole numbers beyond 2**53": (lambda q: np.arange(len(q)) + 2**60, "which float64 would round"),
+    "whole numbers beyond 2**53": (lambda q: np.arange(len(q)) + 2**60,
+                                   "which float64 would round"),
     "whole numbers without end": (lambda q: each(q, 10**400), "holds a number beyond 1e308"),
     "rows of different lengths": (lambda q: [[1.0], [2.0, 3.0]], "must be real numbers"),
     "a column": (lambda q: q[:, None], "they have the shapes"),
@@ -115,7 +116,8 @@ def test_whole_numbers_that_float64_holds_are_taken():
     times = [2**53 - 1, 2**53, 2**53 + 2]
     assert numbers("test", "t", times).tolist() == times
     assert numbers("test", "t", np.array(times)).tolist() == times
-    with pytest.raises(ParameterError, match="9007199254740993, which float64 would round; subtract"):
+    with pytest.raises(ParameterError,
+                       match="9007199254740993, which float64 would round; subtract"):
         numbers("test", "t", [0, 2**53 + 1])
 
 
@@ -130,5 +132,6 @@ def test_a_library_whose_arrays_raise_gets_a_sentence():
         def __array__(self, dtype=None, copy=None):
             raise RuntimeError("on another device")
 
-    with pytest.raises(ParameterError, match="t must be real numbers, in one row.*on another device"):
+    with pytest.raises(ParameterError,
+                       match="t must be real numbers, in one row.*on another device"):
         numbers("test", "t", Elsewhere())

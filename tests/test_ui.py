@@ -953,7 +953,8 @@ def test_what_is_found_and_not_used_is_said(own):
     own.live.wait()
     assert own.live.status == ""
     own.live.set(L=80.0)
-    assert own.live.status == "L is found, not the one set: switch 'find L' off to use that."
+    assert own.live.status == (
+        "L is chosen automatically, so the value you set is ignored; turn off 'find L' to use it.")
     own.live.set(found=False)
     assert own.live.run.L == 80.0 and own.live.status == ""
     t = np.arange(800)*1e-3
@@ -961,7 +962,8 @@ def test_what_is_found_and_not_used_is_said(own):
     p.wait()
     assert p.status == ""
     p.set(window=0.1)
-    assert p.status == "w is found, not the one set: switch 'find w' off to use that."
+    assert p.status == (
+        "w is chosen automatically, so the value you set is ignored; turn off 'find w' to use it.")
     p.set(found=False)
     assert p.status == "" and p.run.result.time_scale == 0.1
 

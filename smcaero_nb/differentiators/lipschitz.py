@@ -1,26 +1,30 @@
-r"""Bound of the highest derivative, estimated from a record."""
+"""Bound of the highest derivative, estimated from a record."""
 
 import math
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..core import Param, ParameterError
-from ..records import finite, record
-from .record import EVEN, gap
+from ..records import EVEN, longest_step, record
 
 __all__ = ["lipschitz", "scale"]
 
 
-def lipschitz(t, f, n_d):
-    r"""Bound L of the derivative n_d + 1 of a noisy record, estimated: what ``L="auto"`` means in `differentiate`.
+def lipschitz(t: ArrayLike, f: ArrayLike, n_d: int) -> float:
+    r"""Estimate the bound L of the derivative n_d + 1 of a noisy record.
 
-    .. math:: L = 2\max_k\frac{|\Delta_{2m}^{n_d+1} f_k|}{(2mh)^{n_d+1}}, \qquad m = 1, 2, 4, ... \text{ the first with }
+    This is what ``L="auto"`` means in `differentiate`.
+
+    .. math:: L = 2\max_k\frac{|\Delta_{2m}^{n_d+1} f_k|}{(2mh)^{n_d+1}},
+        \qquad m = 1, 2, 4, ... \text{ the first with }
         \frac{S_m}{S_{2m}} < 2^{(n_d+1)/2}
 
     Parameters
     ----------
     t, f : array_like, shape (N,)
-        Times [s] and samples [f], as in `differentiate`; of a record with gaps, the longest piece serves.
+        Times [s] and samples [f], as in `differentiate`; of a record with gaps, the longest piece
+        serves.
     n_d : int
         Order of the differentiator.
 
@@ -36,12 +40,15 @@ def lipschitz(t, f, n_d):
 
     Notes
     -----
-    :math:`S_m` is the largest difference of order n_d + 1 over m samples each, divided by its step. Noise makes it fall by
-    :math:`2^{n_d+1}` when m doubles; the derivative of f leaves it as it is. Where the fall is less than half of that, on the
-    logarithmic scale, the derivative stands out, and twice its size is the bound. It copes with
-    white noise of unknown size and with rounding; with n_d above 3 it may be too small by a factor of 3 or so in noise. A part of
-    f that is smaller than the noise is lost, and a tone is no noise. L is at least what rounding may hide: the machine epsilon
-    times the greatest :math:`|f|` (of f = 0: times 1), over the length of the record to the power n_d + 1.
+    :math:`S_m` is the largest difference of order n_d + 1 over m samples each, divided by its step.
+    Noise makes it fall by
+    :math:`2^{n_d+1}` when m doubles; the derivative of f leaves it as it is. Where the fall is less
+    than half of that, on the logarithmic scale, the derivative stands out, and twice its size is
+    the bound. It copes with white noise of unknown size and with rounding; with n_d above 3 it may
+    be too small by a factor of 3 or so in noise. A part of f that is smaller than the noise is
+    lost, and a tone is no noise. L is at least what rounding may hide: the machine epsilon times
+    the greatest :math:`|f|` (of f = 0: times 1), over the length of the record to the power n_d +
+    1.
 
     References
     ----------
@@ -56,30 +63,35 @@ def lipschitz(t, f, n_d):
     return scale(t, f, n_d)[0]
 
 
-def scale(t, f, n_d):
-    """The bound, the time over which the derivative n_d + 1 stands out of the noise, and where the pieces between gaps begin."""
+def scale(t: ArrayLike, f: ArrayLike, n_d: int) -> tuple[float, float, np.ndarray]:
+    """The bound, and what else `differentiate` needs to start.
+
+    That is the time over which the derivative n_d + 1 stands out of the noise, and where the pieces
+    between gaps begin.
+    """
     t, f = record("lipschitz", t, f, "f")
     n_d = Param(low=0, high=12).check("lipschitz", "n_d", n_d, int)
-    finite("lipschitz", t, f, "f")
     with np.errstate(all="ignore"):
         found = _scale(t, f, n_d)
     if not 0.0 < found[0] < np.inf:
         raise ParameterError(f"lipschitz: the bound of derivative {n_d + 1} is beyond float64, "
-                             f"with t from {t[0]:g} to {t[-1]:g} s and f up to {np.abs(f).max():g}; "
-                             "count time or f in other units")
+                             f"with t from {t[0]:g} to {t[-1]:g} s and f up to "
+                             f"{np.abs(f).max():g}; count time or f in other units")
     return found
 
 
 def _scale(t, f, n_d):
     steps = np.diff(t)
-    edges = np.array([0, *(np.flatnonzero(steps > gap(t)) + 1), len(t)])
+    edges = np.array([0, *(np.flatnonzero(steps > longest_step(t)) + 1), len(t)])
     i = np.argmax(np.diff(edges))
     t, f = t[edges[i]:edges[i + 1]], f[edges[i]:edges[i + 1]]
     steps, n = steps[edges[i]:edges[i + 1] - 1], n_d + 1
     h = steps.mean() if len(steps) else np.inf
-    m, S = math.ceil(steps.max(initial=0.0)/h - EVEN), []  # within a step, interpolation would pass for smoothness
+    # within a step, interpolation would pass for smoothness
+    m, S = math.ceil(steps.max(initial=0.0)/h - EVEN), []
     if len(t) < 4*n*m or len(t) < 4:
-        raise ParameterError(f"lipschitz: {len(t)} samples without a gap are too few; n_d = {n_d} needs {4*n*max(m, 1)} or more")
+        raise ParameterError(f"lipschitz: {len(t)} samples without a gap are too few; n_d = {n_d} "
+                             f"needs {4*n*max(m, 1)} or more")
     if np.ptp(steps) > EVEN*h:
         f = np.interp(t[0] + h*np.arange(len(t)), t, f)
     while 2*n*m <= len(f) and (len(S) < 2 or S[-2] >= 2.0**(n/2)*S[-1]):

@@ -1,12 +1,16 @@
-r"""Higher-order sliding mode observer: state and perturbation from the sliding variable and the control."""
+"""Higher-order sliding mode observer."""
 
 import functools
 from typing import Annotated
 
-from ..core import Param, block
-from .sampled import LOW, differentiator, equation, memory
+from ..core import Block, Param, block
+from .differentiator import LOW, differentiator, equation, memory
 
 __all__ = ["observer"]
+
+Bound = Annotated[float, Param("L", "[v]/s", low=LOW, log=True, slider=(1e-2, 1e4),
+                               help="bound of the speed of xi")]
+Gain = Annotated[float, Param("G_0", "[v]/[u]", help="nominal gain, not 0", slider=(-10.0, 10.0))]
 
 DOC = r"""Higher-order sliding mode observer of sigma^({r}) = xi - v.
 
@@ -14,8 +18,8 @@ DOC = r"""Higher-order sliding mode observer of sigma^({r}) = xi - v.
 
         {equation}
 
-    with :math:`s = z_0 - \sigma`, :math:`\lfloor x\rceil^a = |x|^a\,\mathrm{{sign}}(x)` and :math:`\lambda_i` of
-    ``LAMBDA[{r}]``.
+    with :math:`s = z_0 - \sigma`, :math:`\lfloor x\rceil^a = |x|^a\,\mathrm{{sign}}(x)` and
+    :math:`\lambda_i` of ``LAMBDA[{r}]``.
 
     Parameters
     ----------
@@ -43,13 +47,15 @@ DOC = r"""Higher-order sliding mode observer of sigma^({r}) = xi - v.
     """
 
 
-def no_gain(values):
-    """Say that G0 must not be 0."""
+def no_gain(values: dict) -> str | None:
+    """Return why G0 is not allowed, or None."""
     return None if values["G0"] else "G0 = 0 is not allowed; it must not be 0"
 
 
-def observer(r):
-    r"""Higher-order sliding mode observer: estimates sigma, its derivatives and the perturbation xi while the loop runs.
+def observer(r: int) -> Block:
+    r"""Higher-order sliding mode observer.
+
+    It estimates sigma, its derivatives and the perturbation xi while the loop runs.
 
     .. math:: \sigma^{(r)} = \xi - v, \qquad z_i \to \sigma^{(i)}, \qquad \hat\xi \to \xi
 
@@ -61,24 +67,25 @@ def observer(r):
     Returns
     -------
     Block
-        An allocation stage, u = v/G0, with the parameters `L`, `G0` and the states z_0..z_(r-1), xi, started. A run has the
-        estimate of xi in ``run.z.allocation.xi``.
+        An allocation stage, u = v/G0, with the parameters `L`, `G0` and the states z_0..z_(r-1),
+        xi, started. A run has the estimate of xi in ``run.z.allocation.xi``.
 
     Raises
     ------
     ParameterError
-        A relative degree that does not exist.
+        If `r` is not a whole number from 1 to 6.
 
     Notes
     -----
-    It is the differentiator of order r that knows v: its highest derivative is that of sigma with v taken away, the lumped
-    perturbation, for any law, continuous or not. L has to bound the speed of xi only. Without noise xi is found after a finite
-    time, to the order tau; with noise of size eps in sigma, to the order :math:`\varepsilon^{1/(r+1)}`. What an actuator does
-    not do of v counts as perturbation, too.
+    It is the differentiator of order r that knows v: its highest derivative is that of sigma with v
+    removed: the lumped perturbation, for any law, continuous or not. L has to bound the speed of xi
+    only. Without noise xi is found after a finite time, to the order tau; with noise of size eps in
+    sigma, to the order :math:`\varepsilon^{1/(r+1)}`. The part of v that an actuator does not
+    apply counts as perturbation, too.
 
-    A differentiator stage of order r - 1 gives the law the derivatives, so that the loop measures only its output. Where v is
-    itself Lipschitz (``integrated``), a differentiator of order r gives xi, too: ``run.e_hat[r] + run.v``, L then bounding
-    the speed of xi - v.
+    A differentiator stage of order r - 1 gives the law the derivatives, so that the loop measures
+    only its output. Where v is itself Lipschitz (``integrated``), a differentiator of order r gives
+    xi, too: ``run.e_hat[r] + run.v``, L then bounding the speed of xi - v.
 
     References
     ----------
@@ -86,7 +93,8 @@ def observer(r):
 
     Examples
     --------
-    ``ClosedLoop(plant, differentiator=differentiator(2), law=quasi_continuous(3), allocation=observer(3), ...)``
+    ``ClosedLoop(plant, differentiator=differentiator(2), law=quasi_continuous(3),
+    allocation=observer(3), ...)``
     """
     return _made(Param(low=1, high=6).check("observer", "r", r, int))
 
@@ -96,10 +104,7 @@ def _made(r):
     """The differentiator of order r that knows v: its highest derivative is xi - v."""
     step = differentiator(r).f
 
-    def observer(sigma, v, z, tau, L: Annotated[float, Param("L", "[v]/s", low=LOW, log=True, slider=(1e-2, 1e4),
-                                                            help="bound of the speed of xi")] = 1.0,
-                 G0: Annotated[float, Param("G_0", "[v]/[u]", help="nominal gain, not 0", slider=(-10.0, 10.0))] = 1.0
-                 ) -> Param("u"):
+    def observer(sigma, v, z, tau, L: Bound = 1.0, G0: Gain = 1.0):
         _, n = step(sigma, (*z[:-2], z[-2] - v, z[-1]), tau, L)
         return v/G0, (*n[:-2], n[-2] + v, 1.0)
 
@@ -109,4 +114,5 @@ def _made(r):
     z = memory(r - 1, "[sigma]")
     started = z.pop("started")
     xi = 0.0, Param(r"\hat\xi(0)", "[v]", help="perturbation to start with", slider=(-10.0, 10.0))
-    return block(state={**z, "xi": xi, "started": started}, check=no_gain)(observer)
+    return block(output=Param("u"), state={**z, "xi": xi, "started": started},
+                 check=no_gain)(observer)

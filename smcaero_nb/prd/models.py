@@ -2,6 +2,7 @@
 
 import math
 import sys
+from typing import Any
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from ..core.signal import flat
 from ..core.writer import inputs
 from ..interop import matrices
 from ..records import numbers
-from .records import Record
+from .step_response import Record
 
 __all__ = ["model", "responses"]
 
@@ -22,12 +23,13 @@ COMPILED, PLAIN = 20000, 100  # at most in one sample
 
 
 def _outputs(s, many):
-    """The outputs themselves, without their derivatives, as a list; `many`: the items of `s` are outputs."""
+    """The outputs, without their derivatives, as a list; `many`: the items of `s` are outputs."""
     if not isinstance(s, tuple):
         return [s]
     if many:
         return [flat(v)[0] for v in s]
-    return [q for v in s for q in _outputs(v, False)] if any(isinstance(v, tuple) for v in s) else [s[0]]
+    nested = any(isinstance(v, tuple) for v in s)
+    return [q for v in s for q in _outputs(v, False)] if nested else [s[0]]
 
 
 def model(owner, source):
@@ -40,7 +42,10 @@ def model(owner, source):
 
 
 def responses(source, output, surface, window, amplitude, x0):
-    """[output][input] of the records of a model, each input stepped by itself; the unforced motion is taken off."""
+    """Records of a model as [output][input], each input stepped by itself.
+
+    The unforced motion is subtracted.
+    """
     h = window/SAMPLES
     control = sys.modules.get("control")
     if isinstance(source, (Block, ClosedLoop)):
@@ -54,30 +59,38 @@ def responses(source, output, surface, window, amplitude, x0):
         name, runs = source.name, _nonlinear(source, h, amplitude, x0)
     t = (np.arange(REST + MOTION) - REST)*h
     many = len(runs[0]) > 1 or len(runs) > 1
-    return [[Record(t, y, 0.0, amplitude, name=f"{name}, input {j + 1} to output {i + 1}" if many else name)
+
+    def named(i, j):
+        return f"{name}, input {j + 1} to output {i + 1}" if many else name
+
+    return [[Record(t, y, 0.0, amplitude, name=named(i, j))
              for j, y in enumerate(row)] for i, row in enumerate(np.swapaxes(runs, 0, 1))]
 
 
 def _finer(name, f, x, h, most):
-    """Integration steps in one sample: enough for the fastest mode of x' = f(x), linearised at the start."""
+    """Integration steps per sample that the fastest mode of x' = f(x) needs at the start."""
     x, rate = np.array(x, float), np.array(f(np.array(x, float)), float)
     steps = 1e-6*(1.0 + np.abs(x))
-    jacobian = np.column_stack([(np.array(f(x + s*e), float) - rate)/s for s, e in zip(steps, np.eye(len(x)), strict=True)])
+    jacobian = np.column_stack([(np.array(f(x + s*e), float) - rate)/s
+                                for s, e in zip(steps, np.eye(len(x)), strict=True)])
     fastest = np.abs(np.linalg.eigvals(jacobian)).max() if np.isfinite(jacobian).all() else 0.0
     if FINE*h*fastest > most:
-        raise ParameterError(f"prd.identify: window = {SAMPLES*h:.3g} s is not allowed for {name}, whose fastest time constant "
-                             f"is {1/fastest:.3g} s; it must be at most {SAMPLES*most/FINE/fastest:.3g} s")
+        raise ParameterError(f"prd.identify: window = {SAMPLES*h:.3g} s is not allowed for {name}, "
+                             f"whose fastest time constant is {1/fastest:.3g} s; it must be at "
+                             f"most {SAMPLES*most/FINE/fastest:.3g} s")
     return max(1, math.ceil(FINE*h*fastest))
 
 
 def _diverged(name, since):
     """The error for a model that does not stay finite."""
-    return ParameterError(f"prd.identify: {name} " + (
-        f"diverges {since:.3g} s after the step; take a shorter window or a smaller amplitude" if since > 0.0 else
-        "does not stay finite even before the step; look at its equations, and where it starts"))
+    if since > 0.0:
+        why = f"diverges {since:.3g} s after the step; take a shorter window or a smaller amplitude"
+    else:
+        why = "does not stay finite even before the step; look at its equations and initial state"
+    return ParameterError(f"prd.identify: {name} {why}")
 
 
-# ---- each gives [input][output] of arrays of REST + MOTION samples ---------------------------------------------------
+# ---- each gives [input][output] of arrays of REST + MOTION samples -------------------------------
 def _linear(source, h, amplitude):
     """Exact at the samples."""
     from scipy.linalg import expm  # slow to import, so only here
@@ -99,11 +112,12 @@ def _linear(source, h, amplitude):
 def _nonlinear(source, h, amplitude, x0):
     """The system as a block, from `x0`; it is no code that a compiler knows."""
     if not (source.nstates and source.ninputs and source.isctime()):
-        raise ParameterError(f"prd.identify: source '{source.name}' has no states, no inputs or is discrete-time; it must have "
-                             "both, and be continuous")
+        raise ParameterError(f"prd.identify: source '{source.name}' has no states, no inputs or is "
+                             "discrete-time; it must have both, and be continuous")
     x0 = np.zeros(source.nstates) if x0 is None else numbers("prd.identify", "x0", x0)
     if x0.shape != (source.nstates,):
-        raise ParameterError(f"prd.identify: x0 has the shape {x0.shape}; source '{source.name}' has {source.nstates} states")
+        raise ParameterError(f"prd.identify: x0 has the shape {x0.shape}; source '{source.name}' "
+                             f"has {source.nstates} states")
 
     def motion(t, x, u, d):
         if np.size(u) != source.ninputs:
@@ -111,44 +125,55 @@ def _nonlinear(source, h, amplitude, x0):
         return tuple(map(float, source.dynamics(t, np.array(x), np.atleast_1d(u))))
 
     def output(t, x, u):
-        y = tuple(map(float, np.atleast_1d(source.output(t, np.array(x), np.atleast_1d(u)))))
-        return y if len(y) > 1 else y[0]
+        y = np.atleast_1d(source.output(t, np.array(x), np.atleast_1d(u)))
+        return tuple((float(q),) for q in y) if len(y) > 1 else float(y[0])
 
     try:
-        motion(0.0, x0, np.zeros(source.ninputs), 0.0), output(0.0, x0, np.zeros(source.ninputs))
+        motion(0.0, x0, np.zeros(source.ninputs), 0.0)
+        output(0.0, x0, np.zeros(source.ninputs))
     except Exception as why:
-        raise BlockError(f"source '{source.name}' does not run where it starts: {type(why).__name__}: {why}") from why
+        raise BlockError(f"source '{source.name}' does not run where it starts: "
+                         f"{type(why).__name__}: {why}") from why
     motion.__name__ = source.name
     plant = block(state={f"x{i}": v for i, v in enumerate(x0.tolist())})(motion)
     return _block(plant, block(output), None, h, amplitude, PLAIN)[1]
 
 
 def _block(source, output, surface, h, amplitude, most=COMPILED):
-    """The block in its loop, the law replaced by the step; Runge and Kutta's fourth order, compiled where steps are many."""
+    """The block in its loop, with the step in place of the law, by Runge-Kutta of order 4.
+
+    It is compiled where there are many steps.
+    """
+    plant: Any = source
     if isinstance(source, ClosedLoop):
         stages, plant = source.stages, source.stages["plant"]
         output = stages["output"] if output is None else output
         surface = stages["surface"] if surface is None else surface
     else:
-        plant, output = source, getattr(source, "y", None) if output is None else output
+        output = getattr(source, "y", None) if output is None else output
     u, d = inputs(plant)
     m = len(u) if isinstance(u, tuple) else 1
-    finer = _finer(plant.name, lambda x: plant(*({"t": 0.0, "x": tuple(x), "u": u, "d": d}[n] for n in plant.signals)),
+    many = m > 1 and not (output and surface is None)  # states and sigma: one each
+    finer = _finer(plant.name, lambda x: plant(*({"t": 0.0, "x": tuple(x), "u": u, "d": d}[n]
+                                                 for n in plant.signals)),
                    plant.z0, h, most)
     heights = [f"u_{j}" for j in range(m)]
     names = {}
-    exec(f"def step(t, start=0.0, {', '.join(f'{q}=0.0' for q in heights)}):\n    on = 1.0 if t >= start else 0.0\n"
+    exec(f"def step(t, start=0.0, {', '.join(f'{q}=0.0' for q in heights)}):\n"
+         "    on = 1.0 if t >= start else 0.0\n"
          f"    return {', '.join(f'on*{q}' for q in heights)}", names)
-    loop = ClosedLoop(plant, output=output, surface=surface, law=block(names["step"]).with_(start=(REST - 0.5)*h),
+    loop = ClosedLoop(plant, output=output, surface=surface,
+                      law=block(names["step"]).with_(start=(REST - 0.5)*h),
                       perturbation=block(lambda t: d))
 
     def moved(**height):
-        run = simulate(loop.with_(**height), (REST + MOTION)*h, h/finer, h, method="rk4", record=REST + MOTION,
+        run = simulate(loop.with_(**height), (REST + MOTION)*h, h/finer, h, method="rk4",
+                       record=REST + MOTION,
                        jit=finer > 4 and most > PLAIN)
         if run.diverged_at is not None:
             raise _diverged(plant.name, run.diverged_at - REST*h)
         s = run.y if surface is None else run.sigma
-        return np.array(_outputs(s, (m > 1 or most == PLAIN) and isinstance(s, tuple)))[:, :REST + MOTION]
+        return np.array(_outputs(s, many and isinstance(s, tuple)))[:, :REST + MOTION]
 
     free = moved()
     return plant.name, [moved(**{f"law__u_{j}": amplitude}) - free for j in range(m)]

@@ -9,7 +9,8 @@ __all__ = ["PowerLaw", "power_law"]
 
 QUIET = 20.0  # the fit starts where the response exceeds the noise this many times
 HIGHEST = 5
-NEAR = 0.35  # distance from a whole number up to which the slope names one, and of the slopes of its halves
+# distance from a whole number up to which the slope names one, and of the slopes of its halves
+NEAR = 0.35
 
 
 @dataclass(frozen=True)
@@ -29,7 +30,8 @@ class PowerLaw:
     reason : str
         Why there is no answer; empty where there is one.
     onset : float
-        The slopes of the octave's halves, extrapolated to the step: a whole number where the response is t^r from the step on.
+        The slopes of the octave's halves, extrapolated to the step: a whole number where the
+        response is t^r from the step on.
     """
 
     prd: int | None
@@ -41,12 +43,14 @@ class PowerLaw:
 
 
 def extrapolated(near, far, ratio):
-    """The slope at the step itself, of the slopes at two times after it, the second `ratio` times as late."""
+    """Slope at the step, from the slopes at two times after it, the second `ratio` times later."""
     return near - (far - near)/(ratio - 1.0)
 
 
 def power_law(t, y, noise, span):
-    r"""Fit the power law over one octave: from a quarter of the span, or later where the noise hides the response.
+    r"""Fit the power law over one octave.
+
+    It begins at a quarter of the span, or later if noise hides the response until then.
 
     .. math:: y - y_0 \approx \frac{J (t - \tau)^r}{r!}
 
@@ -58,10 +62,12 @@ def power_law(t, y, noise, span):
     octave = float(start), float(end)
     m = (t >= start) & (t <= end)
     if end < 1.5*start or m.sum() < 8:
-        return PowerLaw(None, math.nan, octave, noise, f"the response stands out of the noise ({QUIET:g} times its {noise:.2g}) "
+        return PowerLaw(None, math.nan, octave, noise,
+                        f"the response stands out of the noise ({QUIET:g} times its {noise:.2g}) "
                         "too late in the window, or not at all")
     if np.ptp(np.sign(y[m])) > 0:
-        return PowerLaw(None, math.nan, octave, noise, "the response changes its sign, which no power law does")
+        return PowerLaw(None, math.nan, octave, noise,
+                        "the response changes its sign, which no power law does")
     logs = np.log(t[m]), np.log(np.abs(y[m]))
     slope = float(np.polyfit(*logs, 1)[0])
     first = logs[0] < 0.5*(logs[0][0] + logs[0][-1])
@@ -70,11 +76,14 @@ def power_law(t, y, noise, span):
     r = round(slope)
     if r < 1:
         why = f"the slope {slope:.2f} is that of no relative degree from 1 to {HIGHEST}" + (
-            ": the output jumps with the input (relative degree 0), or has settled" if slope < 0.5 else "")
+            ": the output jumps with the input (relative degree 0), or has settled" if slope < 0.5
+            else "")
     elif r > HIGHEST:
         why = f"the slope {slope:.2f} is above {HIGHEST}, the highest order looked for"
     else:
         why = f"the slope {slope:.2f} is not near a whole number" if abs(slope - r) > NEAR else ""
         if abs(halves[1] - halves[0]) > NEAR:
-            why = f"the slope goes from {halves[0]:.2f} to {halves[1]:.2f} within the octave, which no power law does"
-    return PowerLaw(None if why else r, slope, octave, noise, why, extrapolated(*halves, far/near))
+            why = (f"the slope goes from {halves[0]:.2f} to {halves[1]:.2f} within the octave, "
+                   "which no power law does")
+    onset = extrapolated(halves[0], halves[1], far/near)
+    return PowerLaw(None if why else r, slope, octave, noise, why, onset)

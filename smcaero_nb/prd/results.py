@@ -1,4 +1,4 @@
-"""What an identification gives: the answer, its time scale, and the evidence, in numbers and in words."""
+"""Results of an identification: the answer, its time scale, and the evidence."""
 
 from dataclasses import dataclass
 
@@ -12,16 +12,20 @@ __all__ = ["PRDResult", "PRDSweep", "VectorPRD"]
 
 @dataclass(frozen=True, eq=False)
 class PRDResult:
-    r"""The practical relative degree of one input and output, with its evidence; made by `identify`.
+    r"""Practical relative degree of one input and output, with its evidence.
+
+    Made by `identify`.
 
     Attributes
     ----------
     prd : int or None
-        The answer: that of both methods, or of the one that is believed (see `identify`); None where neither can tell.
+        The answer: that of both methods, or of the one that is believed (see `identify`); None
+        where neither can tell.
     confirmed : bool
         Both methods agree.
     time_scale : float
-        The window [s]: what happens within it counts as at once, and the answer holds for designs no faster than it.
+        The window [s]: what happens within it counts as at once, and the answer holds for designs
+        no faster than it.
     alpha : float
         The paper's parameter of the analyser.
     analyser : Analysis
@@ -29,13 +33,15 @@ class PRDResult:
     power : PowerLaw
         Evidence of the power law.
     gain : float
-        Step of the derivative of that order per unit of input, the high-frequency gain; NaN without an answer.
+        Step of the derivative of that order per unit of input, the high-frequency gain; NaN without
+        an answer.
     noise_floor : float
         Noise of the record relative to the greatest response in the window.
     reason : str
         Why there is no answer, or why it is not confirmed; empty where it is.
     t, y : ndarray
-        What was used of the record [s], [y]; `analyser.derivatives` and `analyser.jump_times` belong to it.
+        What was used of the record [s], [y]; `analyser.derivatives` and `analyser.jump_times`
+        belong to it.
     step_time, amplitude : float
         The step [s], [u].
     name : str
@@ -57,52 +63,59 @@ class PRDResult:
     amplitude: float
     name: str
 
-    def __str__(self):
+    def __str__(self) -> str:
         if self.prd is None:
             return f"The PRD is unresolved: {self.reason}"
-        return f"The experimentally determined PRD is equal to {self.prd}" + ("" if self.confirmed else f" (not confirmed: "
-                                                                            f"{self.reason})")
+        doubt = "" if self.confirmed else f" (not confirmed: {self.reason})"
+        return f"The experimentally determined PRD is equal to {self.prd}{doubt}"
 
-    def explain(self):
+    def explain(self) -> str:
         """The answer and the evidence of both methods, in words."""
         a, b, r = self.analyser, self.power, self.prd
-        lines = [f"{self.name}: {self}.", f"Time scale: {self.time_scale:.4g} s. What the plant does within it counts as at "
+        lines = [f"{self.name}: {self}.",
+                 f"Time scale: {self.time_scale:.4g} s. What the plant does within it counts as at "
                  "once; another time scale may have another answer."]
         if a.jumps:
             share = ", ".join(f"y^({k}) {q:.0%}" for k, q in enumerate(a.jumps, 1))
-            lines.append(f"Performance analyser, alpha = {self.alpha:g}: of its excursion each derivative makes within the "
-                         f"window {share}; the first with {1 - self.alpha:.0%} or more is the step.")
+            lines.append(f"Performance analyser, alpha = {self.alpha:g}: of its excursion each "
+                         f"derivative makes within the window {share}; the first with "
+                         f"{1 - self.alpha:.0%} or more is the step.")
         if a.prd:
             k = a.prd
             before = "y" if k == 1 else f"y^({k - 1})"
-            lines.append(f"y^({k}) steps at {a.jump_times[k - 1]:.5g} s, and {before} changes its slope there: in the first "
-                         f"half of the window it is {a.bends[k - 1]:.2f} of that in the second. Its noise before the step is "
+            lines.append(f"y^({k}) steps at {a.jump_times[k - 1]:.5g} s, and {before} changes its "
+                         f"slope there: in the first half of the window it is {a.bends[k - 1]:.2f} "
+                         "of that in the second. Its noise before the step is "
                          f"{a.noise[k - 1]:.2g} of the step (allowed: {HEARD:g}).")
         elif a.reason:
             lines.append(f"The analyser gives no answer: {a.reason}.")
         if b.slope == b.slope:
-            lines.append(f"Power law: y grows as t^{b.slope:.2f} from {b.octave[0]:.4g} to {b.octave[1]:.4g} s after the step, "
-                         f"extrapolated to the step as t^{b.onset:.2f}.")
+            lines.append(f"Power law: y grows as t^{b.slope:.2f} from {b.octave[0]:.4g} to "
+                         f"{b.octave[1]:.4g} s after the step, extrapolated to the step as "
+                         f"t^{b.onset:.2f}.")
         if b.reason:
             lines.append(f"The power law gives no answer: {b.reason}.")
         elif r and a.prd not in (None, r):
-            lines.append("The power law is believed: extrapolated to the step, its slope is a whole number.")
+            lines.append("The power law is believed: extrapolated to the step, its slope is a "
+                         "whole number.")
         if r:
-            lines.append(f"High-frequency gain: y^({r}) steps by {self.gain:.4g} per unit of input.")
-        return "\n".join([*lines, f"Noise: {self.noise_floor:.2g} of the greatest response in the window."])
+            lines.append(f"High-frequency gain: y^({r}) steps by {self.gain:.4g} per unit of "
+                         "input.")
+        return "\n".join([*lines, f"Noise: {self.noise_floor:.2g} of the greatest response in the "
+                                  "window."])
 
 
 @dataclass(frozen=True, eq=False)
 class VectorPRD:
-    """The practical relative degrees of a plant with several inputs or outputs; made by `identify`.
+    """Practical relative degrees of a plant with several inputs or outputs; made by `identify`.
 
     Attributes
     ----------
     results : list of lists of PRDResult
-        One row an output, one column an input.
+        One row per output, one column per input.
     prd : tuple of int or None
-        The vector relative degree: of each output, the lowest over the inputs; None where an input that acts on it cannot
-        be told.
+        The vector relative degree: of each output, the lowest over the inputs; None where an input
+        that acts on it cannot be told.
     confirmed : bool
         So are all entries that decide it, and the matrix of their gains is regular.
     time_scale : float
@@ -117,28 +130,28 @@ class VectorPRD:
     time_scale: float
     reason: str
 
-    def __str__(self):
+    def __str__(self) -> str:
         if not any(self.prd):
             return f"The vector PRD is unresolved: {self.reason}"
         said = ", ".join("-" if r is None else str(r) for r in self.prd)
-        return f"The experimentally determined vector PRD is equal to [{said}]" + ("" if self.confirmed else
-                                                                                f" (not confirmed: {self.reason})")
+        doubt = "" if self.confirmed else f" (not confirmed: {self.reason})"
+        return f"The experimentally determined vector PRD is equal to [{said}]{doubt}"
 
-    def explain(self):
+    def explain(self) -> str:
         """The answer, and each entry in words."""
         return "\n\n".join([str(self) + ".", *(q.explain() for row in self.results for q in row)])
 
 
 @dataclass(frozen=True, eq=False)
 class PRDSweep:
-    """The practical relative degree against the time scale; made by `sweep`.
+    """Practical relative degree against the time scale; made by `sweep`.
 
     Attributes
     ----------
     windows : tuple of float
         Time scales [s].
     results : tuple of PRDResult or VectorPRD
-        One a window.
+        One per window.
     """
 
     windows: tuple
@@ -146,9 +159,10 @@ class PRDSweep:
 
     prd = property(lambda self: tuple(q.prd for q in self.results))
 
-    def __str__(self):
+    def __str__(self) -> str:
         said = [str(q).replace("None", "-") for q in self.prd]
         n = max(map(len, ["PRD", *said]))
         return "\n".join([f"window [s]   {'PRD':<{n}}   confirmed", *(
-            f"{w:10.4g}   {r:<{n}}   {'yes' if q.confirmed else 'no'}" for w, r, q in zip(self.windows, said, self.results,
-                                                                                       strict=True))])
+            f"{w:10.4g}   {r:<{n}}   {'yes' if q.confirmed else 'no'}" for w, r,
+            q in zip(self.windows, said, self.results,
+                  strict=True))])
