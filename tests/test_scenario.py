@@ -28,8 +28,7 @@ def test_a_design_is_the_task_with_its_stages(scenario, function):
         loop = scenario.loop(law, preset)
         assert (loop.duration, loop.dt, loop.tau) == (
             scenario.task.duration, scenario.task.dt, scenario.task.tau)
-        around = scenario.fit(stages["law"]) if scenario.around else {}
-        expected = {**scenario.task.stages, **around, **stages}
+        expected = {**scenario.task.stages, **scenario.fit(stages["law"]), **stages}
         assert all(loop.stages[name] is b for name, b in expected.items())
         assert loop.stages["law"] is not None and scenario.task.stages["law"] is None
 
@@ -68,7 +67,15 @@ def test_what_a_law_sees_decides_its_surface():
             scenario.fit(hosmc.nested(3))
 
 
-def test_a_scenario_without_fit_takes_its_designs_only():
+def test_a_scenario_for_higher_laws_only_says_which():
+    scenario = Scenario("mine", ClosedLoop(mass), {}, around={2: {}, 3: {}})
+    for law, r in ((smc1.sign_smc, 1), (smc2.twisting, 1), (hosmc.nested(4), 4)):
+        with pytest.raises(ParameterError, match=f"^mine: {law.name} is for relative degree {r}; "
+                                                 "it must be 2 or 3$"):
+            scenario.loop(law)
+
+
+def test_a_scenario_of_complete_designs_takes_no_other_law():
     for scenario in (ASCENT, DESCENT):
         with pytest.raises(ParameterError, match=f"^{scenario.name}: law = sign_smc.* is not "
                                                  "allowed; it must be one of '"):

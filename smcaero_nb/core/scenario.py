@@ -48,17 +48,20 @@ class Scenario:
         return table
 
     def fit(self, law: Block) -> Stages:
-        """Return the stages that a law needs around it.
+        """Return the stages that a law needs around it; none where the designs are complete.
 
         Raises
         ------
         ParameterError
             A law for a relative degree that the scenario does not have.
         """
+        if not self.around:
+            return {}
         if law.r not in self.around:
-            degrees = " or ".join(str(r) for r in self.around if r and r > 1)
-            raise ParameterError(f"{self.name}: {law.name} is for relative degree {law.r}; it must "
-                                 f"be 1, on a sliding variable, or {degrees}")
+            degrees = dict.fromkeys("1, on a sliding variable," if r in (None, 1) else str(r)
+                                    for r in self.around)
+            raise ParameterError(f"{self.name}: {law.name} is for relative degree {law.r or 1}; it "
+                                 f"must be {' or '.join(degrees).rstrip(',')}")
         return self.around[law.r]
 
     def loop(self, law: str | Block, preset: str = "recommended") -> ClosedLoop:
@@ -76,8 +79,7 @@ class Scenario:
         else:
             own = presets[chosen(self.name, "law", law, presets)]
             stages = own[chosen(f"{self.name} of {law}", "preset", preset, own)]
-        if self.around:
-            stages = {**self.fit(stages["law"]), **stages}
+        stages = {**self.fit(stages["law"]), **stages}
         task = self.task.name
         title = law if isinstance(law, str) and not task else stages["law"].name
         return self.task.with_(name=f"{title}, {task or preset}", **stages)
