@@ -1,30 +1,16 @@
-"""The perturbed chain of integrators: sigma^(r) = xi - v and nothing else, what the theorems speak of."""
+"""The perturbed chain of integrators, sigma^(r) = xi - v: exactly what the theorems assume."""
 
 import math
 from typing import Annotated
 
 from ..core import Block, ClosedLoop, Param, ParameterError, block
 from ..core.block import wanted
-from ..core.param import listed, refused, switch
+from ..core.param import switch
 from ..core.signal import generated, leaves, text
 from ..hosmc import integrated
 from ..surface import differenced
 
-__all__ = ["chain", "chain_output", "chain_perturbation", "fitted", "perturbed_chain"]
-
-
-def fitted(owner, law, presets, one, two):
-    """The stages for a law: those of a preset by its name, or a block with what it needs for the error of its relative degree.
-
-    `one` and `two` are the surfaces for laws of relative degree 1 and 2; `one` is asked for sigma' too where the law is twisting.
-    """
-    if isinstance(law, str) and law in presets:
-        return presets[law]
-    if not isinstance(law, Block):
-        raise refused(owner, "law", law, f"a law (a block), or one of {listed(presets)}")
-    if law.r not in (None, 1, 2):
-        raise ParameterError(f"{owner}: {law.name} is for relative degree {law.r}; it must be 1, on a sliding variable, or 2")
-    return dict(law=law, surface=two if law.r == 2 else one(derivative="difference" if law.r == 1 else False))
+__all__ = ["chain", "chain_output", "chain_perturbation", "perturbed_chain"]
 
 
 def _minus(s):
@@ -34,8 +20,8 @@ def _minus(s):
 minus = generated("s", _minus)
 
 
-def chain(r):
-    r"""Plant: a chain of r integrators, the control at its end.
+def chain(r: int) -> Block:
+    r"""Plant: a chain of r integrators, driven at its end.
 
     .. math:: \dot s_0 = s_1, \quad ..., \quad \dot s_{r-1} = \xi - v
 
@@ -56,17 +42,19 @@ def chain(r):
 
     Notes
     -----
-    Euler steps of it keep the order of a law's accuracy, but not the size of the error; ``simulate(..., method="rk4")``
-    integrates it exactly up to r = 4.
+    Euler steps keep the order of a law's accuracy, but not the size of the error;
+    ``simulate(..., method="rk4")`` integrates the chain exactly up to r = 4.
 
     References
     ----------
     Paper eq (26).
     """
     r = Param(low=1, high=6).check("chain", "r", r, int)
-    symbols = [r"\sigma", r"\dot\sigma", r"\ddot\sigma", *(rf"\sigma^{{({i})}}" for i in range(3, 6))]
+    symbols = [r"\sigma", r"\dot\sigma", r"\ddot\sigma",
+               *(rf"\sigma^{{({i})}}" for i in range(3, 6))]
 
-    @block(state={f"s{i}": (0.0, Param(symbols[i], f"[v] s^{r - i}", slider=(-10.0, 10.0))) for i in range(r)})
+    @block(state={f"s{i}": (0.0, Param(symbols[i], f"[v] s^{r - i}", slider=(-10.0, 10.0)))
+                  for i in range(r)})
     def integrators(x, u, d):
         r"""Chain of integrators.
 
@@ -116,11 +104,14 @@ def chain_output(x):
     return minus(x)
 
 
-@block
-def chain_perturbation(t, xi_0: Annotated[float, Param(r"\xi_0", "[v]", help="constant part", slider=(-2.0, 2.0))] = 0.0,
-                       xi_1: Annotated[float, Param(r"\xi_1", "[v]", low=0.0, help="amplitude", slider=(0.0, 10.0))] = 0.8,
-                       omega: Annotated[float, Param(r"\omega", "rad/s", low=0.0, help="frequency", slider=(0.0, 100.0))] = 1.2
-                       ) -> Param(r"\xi", "[v]"):
+@block(output=Param(r"\xi", "[v]"))
+def chain_perturbation(t,
+                       xi_0: Annotated[float, Param(r"\xi_0", "[v]", slider=(-2.0, 2.0),
+                                                    help="constant part")] = 0.0,
+                       xi_1: Annotated[float, Param(r"\xi_1", "[v]", low=0.0, slider=(0.0, 10.0),
+                                                    help="amplitude")] = 0.8,
+                       omega: Annotated[float, Param(r"\omega", "rad/s", low=0.0,
+                                                     slider=(0.0, 100.0), help="frequency")] = 1.2):
     r"""Perturbation of the chain.
 
     .. math:: \xi = \xi_0 + \xi_1\cos\omega t
@@ -146,21 +137,25 @@ def chain_perturbation(t, xi_0: Annotated[float, Param(r"\xi_0", "[v]", help="co
     return xi_0 + xi_1*math.cos(omega*t)
 
 
-def perturbed_chain(law, r, raised=False):
+def perturbed_chain(law: Block, r: int, raised: bool = False) -> ClosedLoop:
     r"""A law on its chain, from sigma = 1, all derivatives 0.
 
-    .. math:: \sigma^{(r)} = \xi - v, \qquad \text{or, raised,} \qquad \sigma^{(r)} = \xi - u, \quad \dot u = v
+    .. math::
+
+        \sigma^{(r)} = \xi - v, \qquad \text{or, raised,} \qquad
+        \sigma^{(r)} = \xi - u, \quad \dot u = v
 
     Parameters
     ----------
     law : Block
-        A law for relative degree `r`; it sees (sigma, ..., sigma^(r-1)), or the number sigma where r = 1. Twisting sees
-        (sigma, sigma'), sigma' from the sample before.
+        A law for relative degree `r`; it sees (sigma, ..., sigma^(r-1)), or the number sigma where
+        r = 1. Twisting sees (sigma, sigma'), with sigma' as a difference from the previous sample.
     r : int
         Number of integrators, 1 to 6.
     raised : bool
-        Let a law for relative degree r + 1 act on the derivative of the control, which is then continuous: `hosmc.integrated`
-        behind it, and before it `surface.differenced`, which gives the derivative of sigma that the law needs more.
+        Let a law for relative degree r + 1 act on the derivative of the control, which is then
+        continuous: `hosmc.integrated` follows it, and `surface.differenced` precedes it, which adds
+        the derivative of sigma that the law needs.
 
     Returns
     -------
@@ -187,9 +182,10 @@ def perturbed_chain(law, r, raised=False):
     r = Param(low=1, high=6).check("perturbed_chain", "r", r, int)
     raised = switch("perturbed_chain", "raised", raised)
     if law.r not in (None, r + raised):
-        raise ParameterError(f"perturbed_chain: r = {r}{', raised,'*raised} is not allowed; {law.name} is for relative degree "
-                             f"{law.r}")
+        raise ParameterError(f"perturbed_chain: r = {r}{', raised,'*raised} is not allowed; "
+                             f"{law.name} is for relative degree {law.r}")
     surface = differenced(r) if raised or law.r == 1 else None
-    return ClosedLoop(chain(r).with_(s0=1.0), output=chain_output, surface=surface, law=law, perturbation=chain_perturbation,
-                      allocation=integrated if raised else None, duration=20.0 if r < 4 else 40.0, dt=2.5e-4, tau=1e-3,
+    return ClosedLoop(chain(r).with_(s0=1.0), output=chain_output, surface=surface, law=law,
+                      perturbation=chain_perturbation, allocation=integrated if raised else None,
+                      duration=20.0 if r < 4 else 40.0, dt=2.5e-4, tau=1e-3,
                       name=f"{law.name}, chain of {r}" + ", raised"*raised)

@@ -1,30 +1,39 @@
-"""Resource Prospector Lander in its vertical plane: paper eqs (46), (47), (55), (56); its touchdown."""
+"""Resource Prospector Lander in its vertical plane and its commands: eqs (46), (47), (55), (56)."""
 
 import math
 from typing import Annotated
 
 from ..core import Param, block
 
-__all__ = ["altitude", "attitude_and_altitude", "command", "governed_command", "lander", "left_right", "perturbations"]
+__all__ = ["altitude", "attitude_and_altitude", "command", "governed_command", "lander",
+           "left_right", "perturbations"]
 
-Gravity = Annotated[float, Param("g_m", "m/s^2", low=0.0, help="gravity of the Moon", slider=(0.0, 4.0))]
-Mass = Annotated[float, Param("m", "kg", low=1.0, slider=(500.0, 2000.0), help="mass; the control takes it to be 1000 kg")]
+Gravity = Annotated[float, Param("g_m", "m/s^2", low=0.0, slider=(0.0, 4.0),
+                                 help="gravity of the Moon")]
+Mass = Annotated[float, Param("m", "kg", low=1.0, slider=(500.0, 2000.0),
+                              help="mass; the control assumes 1000 kg")]
 Inertia = Annotated[float, Param("J_{yy}", "kg m^2", low=1.0, slider=(100.0, 1000.0),
-                                 help="pitch inertia; the control takes it to be 300 kg m^2")]
-Arm = Annotated[float, Param("l_a", "m", low=0.0, help="arm of the attitude thrusters; the control takes it to be 2.8 m",
-                             slider=(0.5, 5.0))]
-Offset = Annotated[float, Param(r"\epsilon_d", "m", help="centre of mass beside the axis of the descent thrust",
-                                slider=(-0.03, 0.03))]
-Share = Annotated[float, Param(r"\eta_a", "1", low=0.0, high=2.0, help="effectiveness of the attitude thrusters: 1 as designed")]
-Stuck = Annotated[float, Param("u_s", "N", help="thrust of an attitude thruster stuck on", slider=(-15.0, 15.0))]
-Left = Annotated[int, Param("n_l", low=0, high=6, help="descent thrusters of the six on the left that work")]
-Right = Annotated[int, Param("n_r", low=0, high=6, help="descent thrusters of the six on the right that work")]
-ArmDescent = Annotated[float, Param("l_d", "m", low=0.0, slider=(0.0, 0.1),
-                                    help="arm of the descent thrusters, felt if one side has more that work")]
+                                 help="pitch inertia; the control assumes 300 kg m^2")]
+Arm = Annotated[float, Param("l_a", "m", low=0.0, slider=(0.5, 5.0),
+                             help="arm of the attitude thrusters; the control assumes 2.8 m")]
+Offset = Annotated[float, Param(
+    r"\epsilon_d", "m", slider=(-0.03, 0.03),
+    help="offset of the centre of mass from the axis of the descent thrust")]
+Share = Annotated[float, Param(r"\eta_a", "1", low=0.0, high=2.0,
+                               help="effectiveness of the attitude thrusters: 1 as designed")]
+Stuck = Annotated[float, Param("u_s", "N", slider=(-15.0, 15.0),
+                               help="thrust of an attitude thruster stuck on")]
+Left = Annotated[int, Param("n_l", low=0, high=6,
+                            help="number of the six descent thrusters on the left that work")]
+Right = Annotated[int, Param("n_r", low=0, high=6,
+                             help="number of the six descent thrusters on the right that work")]
+ArmDescent = Annotated[float, Param(
+    "l_d", "m", low=0.0, slider=(0.0, 0.1),
+    help="arm of the descent thrusters, which matters if more work on one side")]
 
 
-@block
-def left_right(u) -> (Param("u_l", "N"), Param("u_r", "N")):
+@block(output=(Param("u_l", "N"), Param("u_r", "N")))
+def left_right(u):
     r"""Allocate the descent thrust to the two sides of the lander.
 
     .. math:: u_{d\,left} = u_{d\,right} = u_d/2
@@ -49,22 +58,27 @@ def left_right(u) -> (Param("u_l", "N"), Param("u_r", "N")):
 def upright(values):
     """The condition that the lander starts with its thrust pointing up."""
     if math.sin(values["theta"]) <= 1e-9:  # pi in float64 is a little less
-        return (f"theta = {values['theta']:g} rad is not allowed to start with; sin(theta) must be larger than 0, as from 0 to "
-                f"{math.pi:.4g} rad, pi/2 being upright, or the thrust pushes the lander down")
+        return (f"theta = {values['theta']:g} rad is not allowed at the start; sin(theta) must be "
+                f"larger than 0, as from 0 to {math.pi:.4g} rad, pi/2 being upright, or the thrust "
+                f"pushes the lander down")
 
 
 @block(check=upright, state=dict(
-    theta=(1.6, Param(r"\theta(0)", "rad", help="pitch to start with; pi/2 is upright", slider=(0.5, 2.6))),
-    dtheta=(0.1, Param(r"\dot\theta(0)", "rad/s", help="pitch rate to start with", slider=(-0.5, 0.5))),
-    altitude=(6500.0, Param("x(0)", "m", help="altitude to start from", slider=(5000.0, 7000.0))),
-    velocity=(-10.0, Param(r"\dot x(0)", "m/s", help="vertical velocity to start with", slider=(-50.0, 50.0)))))
-def lander(x, u, d, m: Mass = 1000.0, J: Inertia = 300.0, l_a: Arm = 2.8, g_m: Gravity = 1.6, offset: Offset = 0.0,
-           effectiveness: Share = 1.0, stuck: Stuck = 0.0, left: Left = 6, right: Right = 6, l_d: ArmDescent = 0.0):
+    theta=(1.6, Param(r"\theta(0)", "rad", slider=(0.5, 2.6),
+                      help="initial pitch; pi/2 is upright")),
+    dtheta=(0.1, Param(r"\dot\theta(0)", "rad/s", slider=(-0.5, 0.5), help="initial pitch rate")),
+    altitude=(6500.0, Param("x(0)", "m", slider=(5000.0, 7000.0), help="initial altitude")),
+    velocity=(-10.0, Param(r"\dot x(0)", "m/s", slider=(-50.0, 50.0),
+                           help="initial vertical velocity"))))
+def lander(x, u, d, m: Mass = 1000.0, J: Inertia = 300.0, l_a: Arm = 2.8, g_m: Gravity = 1.6,
+           offset: Offset = 0.0, effectiveness: Share = 1.0, stuck: Stuck = 0.0, left: Left = 6,
+           right: Right = 6, l_d: ArmDescent = 0.0):
     r"""Lander in powered descent: pitch and altitude.
 
     .. math::
 
-        J_{yy}\ddot\theta &= l_a (\eta_a u_a + u_s) + (\epsilon_d - l_d)\,u_l + (\epsilon_d + l_d)\,u_r + J_{yy}\varphi_a \\
+        J_{yy}\ddot\theta &= l_a (\eta_a u_a + u_s) + (\epsilon_d - l_d)\,u_l
+        + (\epsilon_d + l_d)\,u_r + J_{yy}\varphi_a \\
         m\ddot x &= \sin\theta\,(\eta_a u_a + u_s + u_l + u_r) - m g_m + m\varphi_d, \qquad
         u_l = \tfrac{n_l}{6}\tfrac{u_d}{2}, \quad u_r = \tfrac{n_r}{6}\tfrac{u_d}{2}
 
@@ -79,15 +93,17 @@ def lander(x, u, d, m: Mass = 1000.0, J: Inertia = 300.0, l_a: Arm = 2.8, g_m: G
     m, J, l_a, g_m : float
         Mass [kg], pitch inertia [kg m^2], arm of the attitude thrusters [m], gravity [m/s^2].
     offset : float
-        Centre of mass beside the axis of the descent thrust [m], which then turns the lander.
+        Offset of the centre of mass from the axis of the descent thrust, which then turns the
+        lander [m].
     effectiveness : float
-        Attitude thrust that comes of what is asked for [1].
+        Share of the commanded attitude thrust that is delivered [1].
     stuck : float
         Attitude thruster that fires all the time [N].
     left, right : int
         Descent thrusters that work, of six on each side.
     l_d : float
-        Arm of the descent thrusters [m]; the paper gives none, and 0 leaves out the torque of unequal sides.
+        Arm of the descent thrusters [m]; the paper gives none, and 0 leaves out the torque of
+        unequal sides.
 
     Returns
     -------
@@ -97,15 +113,15 @@ def lander(x, u, d, m: Mass = 1000.0, J: Inertia = 300.0, l_a: Arm = 2.8, g_m: G
     Raises
     ------
     ParameterError
-        A pitch to start with at which the thrust does not point up, sin(theta) <= 0.
+        An initial pitch at which the thrust does not point up, sin(theta) <= 0.
 
     Notes
     -----
-    Attitude: 15 N give 0.14 rad/s^2. With an arm of 1 m the torque of a single descent thruster, 233 N, would be five times
-    what the attitude thrusters can hold.
+    Attitude: 15 N give 0.14 rad/s^2. With an arm of 1 m the torque of a single descent thruster,
+    233 N, would be five times what the attitude thrusters can hold.
 
-    Errata: the paper gives J_yy in kg m/s^2 and phi_d in rad/s^2; they are kg m^2 and m/s^2. Its B has no failures: offset,
-    effectiveness, stuck, left, right and l_d are this kit's.
+    Errata: the paper gives J_yy in kg m/s^2 and phi_d in rad/s^2; they are kg m^2 and m/s^2. Its B
+    has no failures: offset, effectiveness, stuck, left, right and l_d are this kit's.
 
     References
     ----------
@@ -118,9 +134,9 @@ def lander(x, u, d, m: Mass = 1000.0, J: Inertia = 300.0, l_a: Arm = 2.8, g_m: G
             x[3], math.sin(x[0])*(attitude + u_l + u_r)/m - g_m + d[1])
 
 
-@block
-def attitude_and_altitude(x) -> ((Param(r"\theta", "rad"), Param(r"\dot\theta", "rad/s")),
-                                 (Param("x", "m", low=-1e6, high=1e6), Param(r"\dot x", "m/s"))):
+@block(output=((Param(r"\theta", "rad"), Param(r"\dot\theta", "rad/s")),
+               (Param("x", "m", low=-1e6, high=1e6), Param(r"\dot x", "m/s"))))
+def attitude_and_altitude(x):
     r"""Attitude and altitude, each with its rate.
 
     .. math:: y = \big((\theta, \dot\theta), (x, \dot x)\big)
@@ -142,9 +158,9 @@ def attitude_and_altitude(x) -> ((Param(r"\theta", "rad"), Param(r"\dot\theta", 
     return (x[0], x[1]), (x[2], x[3])
 
 
-@block
-def altitude(x) -> Param("x", "m"):
-    r"""Altitude left, for the stage `stop`: the run ends at touchdown.
+@block(output=Param("x", "m"))
+def altitude(x):
+    r"""Remaining altitude, for the stage `stop`: the run ends at touchdown.
 
     .. math:: x \le 0
 
@@ -165,14 +181,15 @@ def altitude(x) -> Param("x", "m"):
     return x[2]
 
 
-Printed = Annotated[bool, Param("printed", help="the coefficients as the paper rounds them: a crash, even if followed exactly")]
+Printed = Annotated[bool, Param(
+    "printed", help="coefficients as the paper rounds them: a crash, even if followed exactly")]
 
 
 @block
 def command(t, printed: Printed = False):
-    r"""Commands: upright, and a cubic descent from 6000 m at -10 m/s to rest on the ground at T = 240 s.
+    r"""Commands: upright, and a cubic descent from 6000 m at -10 m/s to rest on the ground.
 
-    .. math:: \theta_c = \frac{\pi}{2}, \qquad x_c = a t^3 + b t^2 - 10 t + 6000
+    .. math:: \theta_c = \frac{\pi}{2}, \qquad x_c = a t^3 + b t^2 - 10 t + 6000, \qquad T = 240
 
     Parameters
     ----------
@@ -188,8 +205,8 @@ def command(t, printed: Printed = False):
 
     Notes
     -----
-    Erratum: the printed coefficients are those of the exact cubic rounded to two digits. They reach the ground after 221.4 s
-    at -10.4 m/s, and are 109 m below it at T.
+    Erratum: the printed coefficients are those of the exact cubic rounded to two digits. They reach
+    the ground after 221.4 s at -10.4 m/s, and are 109 m below it at T.
 
     References
     ----------
@@ -201,14 +218,20 @@ def command(t, printed: Printed = False):
 
 @block
 def governed_command(t, printed: Printed = False,
-                     T_r: Annotated[float, Param("T_r", "s", low=1.0, help="extension: time to blend into the descent",
-                                                 slider=(10.0, 120.0))] = 60.0,
-                     start: Annotated[float, Param("x_0", "m", help="extension: altitude to blend in from",
-                                                   slider=(5000.0, 7000.0))] = 6500.0,
-                     governed: Annotated[bool, Param("governor extension", help="extension: blend in; off: `command`")] = True):
+                     T_r: Annotated[float, Param(
+                         "T_r", "s", low=1.0, slider=(10.0, 120.0),
+                         help="extension: time to blend into the descent")] = 60.0,
+                     start: Annotated[float, Param(
+                         "x_0", "m", slider=(5000.0, 7000.0),
+                         help="extension: altitude to blend in from")] = 6500.0,
+                     governed: Annotated[bool, Param(
+                         "governor extension",
+                         help="extension: blend in; off: `command`")] = True):
     r"""Extension, command governor: `command`, blended in from the altitude at the start.
 
-    .. math:: r_x = x_c + (x_0 - 6000)\,(1 - 10 s^3 + 15 s^4 - 6 s^5), \qquad s = \min(t/T_r, 1)
+    .. math::
+
+        r_x = x_c + (x_0 - 6000)\,(1 - 10 s^3 + 15 s^4 - 6 s^5), \qquad s = \min(t/T_r, 1)
 
     Parameters
     ----------
@@ -230,22 +253,25 @@ def governed_command(t, printed: Printed = False,
 
     Notes
     -----
-    Not in the paper: an extension. From 500 m away the sliding variable (49) asks for 2000 m/s^2; with this command it starts
-    near 0, if x_0 is where the lander starts: it does not follow ``plant__altitude``, and 100 m below or 300 m above the
-    lander it makes a crash. The error e is then that from the governed command.
+    Not in the paper: an extension. From 500 m away the sliding variable (49) asks for 2000 m/s^2;
+    with this command it starts near 0, if x_0 is where the lander starts: it does not follow
+    ``plant__altitude``, and an x_0 100 m below or 300 m above the lander leads to a crash. The
+    error e is then the distance from the governed command.
     """
     pitch, (x, v) = command(t, printed)
     s, height = min(t/T_r, 1.0), start - 6000.0 if governed else 0.0
-    return pitch, (x + height*(1.0 - s*s*s*(10.0 - 15.0*s + 6.0*s*s)), v - 30.0*height*s*s*(1.0 - s)*(1.0 - s)/T_r)
+    return pitch, (x + height*(1.0 - s*s*s*(10.0 - 15.0*s + 6.0*s*s)),
+                   v - 30.0*height*s*s*(1.0 - s)*(1.0 - s)/T_r)
 
 
-@block
-def perturbations(t, phi_a: Annotated[float, Param(r"\varphi_a", "rad/s^2", low=0.0, help="amplitude, attitude",
-                                                   slider=(0.0, 0.2))] = 0.06,
-                  phi_d: Annotated[float, Param(r"\varphi_d", "m/s^2", low=0.0, help="amplitude, descent",
-                                                slider=(0.0, 2.0))] = 0.5,
-                  omega: Annotated[float, Param(r"\omega_\varphi", "rad/s", low=0.0, help="frequency", slider=(0.0, 2.0))] = 0.2
-                  ) -> (Param(r"\varphi_a", "rad/s^2"), Param(r"\varphi_d", "m/s^2")):
+@block(output=(Param(r"\varphi_a", "rad/s^2"), Param(r"\varphi_d", "m/s^2")))
+def perturbations(t,
+                  phi_a: Annotated[float, Param(r"\varphi_a", "rad/s^2", low=0.0, slider=(0.0, 0.2),
+                                                help="amplitude, attitude")] = 0.06,
+                  phi_d: Annotated[float, Param(r"\varphi_d", "m/s^2", low=0.0, slider=(0.0, 2.0),
+                                                help="amplitude, descent")] = 0.5,
+                  omega: Annotated[float, Param(r"\omega_\varphi", "rad/s", low=0.0,
+                                                slider=(0.0, 2.0), help="frequency")] = 0.2):
     r"""Perturbations of pitch and altitude.
 
     .. math:: \varphi_a = 0.06\sin 0.2t, \qquad \varphi_d = 0.5\sin 0.2t
