@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from .block import Block
-from .engine import ClosedLoop
+from .loop import ClosedLoop
 from .param import ParameterError, chosen, given, listed
 
 __all__ = ["Scenario"]
