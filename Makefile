@@ -11,7 +11,8 @@ endif
 PYTEST := -m pytest -n logical --maxprocesses 8 --dist loadfile $(ARGS)
 CHROMIUM ?= $(shell command -v chromium || command -v chromium-browser || command -v google-chrome)
 
-export PYRIGHT_PYTHON_IGNORE_WARNINGS := 1  # its versions are pinned: it need not ask for newer ones
+# Its version is pinned: it need not ask the network for a newer one.
+export PYRIGHT_PYTHON_IGNORE_WARNINGS := 1
 
 .PHONY: help lab test test-oldest browser-test bench clean
 help:
