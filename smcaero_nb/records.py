@@ -204,6 +204,7 @@ class Table:
 
 # ---- samples --------------------------------------------------------------------------------------
 EXACT = 2.0**53  # up to which float64 knows every whole number
+MASKED = "is masked in part; remove the masked values and their times, or fill them"
 #: {kind of a dtype: what it holds, and the way out}
 REFUSED = {
     "M": "dates; give seconds from some time on: (t - t[0])/np.timedelta64(1, 's')",
@@ -231,12 +232,15 @@ def numbers(owner, name, values):
 
     parts = {type(v): v for v in values} if isinstance(values, (list, tuple)) else {}
     if np.ma.is_masked(values) or any(issubclass(q, np.ma.MaskedArray) for q in parts):
-        refuse("is masked in part; remove the masked values and their times, or fill them")
+        refuse(MASKED)
     plain = parts and not any(issubclass(q, np.ndarray) for q in parts)
     try:
-        a = np.asarray(values, object if plain else None)  # or True beside numbers would be 1
+        a = np.asanyarray(values, object if plain else None)  # or True beside numbers would be 1
     except Exception as why:  # what another library's array raises
         refuse(f"must be real numbers, in one row or in rows of the same length: {said(str(why))}")
+    if np.ma.is_masked(a):  # what another library makes of its variable
+        refuse(MASKED)
+    a = np.asarray(a)
     if a.dtype.kind in REFUSED:
         refuse(f"holds {REFUSED[a.dtype.kind]}")
     if hasattr(values, "unit") or hasattr(values, "units"):

@@ -21,7 +21,7 @@ from smcaero_nb import (
     channels,
     simulate,
 )
-from smcaero_nb.core import engine, signal
+from smcaero_nb.core import signal, stages
 
 GAIN = Param("k", "N/m", low=0.0, high=5.0, help="a gain")
 
@@ -297,11 +297,13 @@ def test_signals_are_wired_by_name_whatever_their_order():
 
 
 #: What each stage may ask for.
-STAGES = dict(reference="t", output="t x u d", differentiator="t r y e z tau",
-              surface="t r y e z tau", law="t r y e sigma z tau",
-              allocation="t r y e sigma v z tau", actuator="t y u z tau", perturbation="t x",
-              plant="t x u d",
-              stop="t x")
+OWN = ("z", "tau", "k", "salt")
+STAGES = dict(reference="t", output="t x u d", sensor="t y z tau k salt",
+              differentiator="t r y e u z tau k salt",
+              surface="t r y e u z tau k salt", law="t r y e sigma u z tau k salt",
+              allocation="t r y e sigma v u z tau k salt", actuator="t y u z tau k salt",
+              perturbation="t x",
+              plant="t x u d", stop="t x", probe="t x u d r y e")
 
 
 @pytest.mark.parametrize("stage", STAGES)
@@ -322,8 +324,8 @@ def test_a_misspelt_signal_is_an_error_that_lists_the_allowed_ones(stage):
     *((s, "x")
       for s in ("reference", "differentiator", "surface", "law", "allocation", "actuator")),
     *((s, "d") for s in ("differentiator", "surface", "law", "allocation", "actuator")),
-    ("surface", "sigma"), ("law", "v"), ("law", "u"), ("output", "e"), ("output", "v"),
-    ("plant", "e"), ("perturbation", "u")])
+    ("surface", "sigma"), ("law", "v"), ("output", "e"), ("output", "v"), ("plant", "e"),
+    ("perturbation", "u")])
 def test_no_stage_can_look_where_it_must_not(stage, forbidden):
     namespace = {"block": block}
     exec(f"@block\ndef peeks({forbidden}): return 0.0", namespace)
@@ -338,8 +340,8 @@ def test_no_stage_can_look_where_it_must_not(stage, forbidden):
 
 
 def test_the_contract_of_the_stages_is_that_of_the_engine():
-    assert {s: " ".join(a) + (" z tau" if s in engine.GIVES else "")
-            for s, a in engine.ASKS.items()} == STAGES
+    assert {s: " ".join((*q.asks, *OWN*(q.when == "tau")))
+            for s, q in stages.STAGES.items()} == STAGES
 
 
 def test_surface_and_law_see_what_the_differentiator_gives():
@@ -367,7 +369,7 @@ def test_states_only_where_a_stage_has_memory():
     def dreams(t, x):
         return 0.0
 
-    for stage in ("perturbation", "output"):
+    for stage in ("stop", "output"):
         with pytest.raises(BlockError,
                            match=f"{stage} 'dreams' names a state \\(q\\), but this stage has no "
                                  f"memory"):
@@ -406,7 +408,7 @@ def test_the_double_underscore_reaches_into_a_stage():
 @pytest.mark.parametrize(("changes", "words"), [
     (dict(lew=law),
      ["ClosedLoop has no 'lew'; did you mean 'law'?",
-      "reference, output, differentiator, surface, law"]),
+      "reference, output, sensor, differentiator, surface, law"]),
     (dict(law__kk=1.0), ["law has no 'kk'; did you mean 'k'?", "It has: k, order, on"]),
     (dict(law__k=-1.0), ["law: k = -1 N/m is not allowed", "from 0 to 5 N/m"]),
     (dict(law__k=math.inf), ["k = inf N/m"]),

@@ -50,7 +50,7 @@ def compilations(recorder):
 def own_folder(tmp_path, monkeypatch):
     """A cache that is empty, and no memory of what was made or said."""
     monkeypatch.setenv("SMCAERO_CACHE_DIR", str(tmp_path / "loops"))
-    monkeypatch.setattr(smc.core.engine, "_made", {})
+    monkeypatch.setattr(smc.core.build, "_made", {})
     monkeypatch.setattr(cache, "_compiled", {})
     monkeypatch.setattr(cache, "_said", set())
     return tmp_path / "loops" / f"loops-{cache._FORMAT}"
@@ -511,7 +511,7 @@ import pathlib, sys, warnings
 sys.path.insert(0, sys.argv[1])
 import mine
 from smcaero_nb import simulate
-from smcaero_nb.core import cache, engine
+from smcaero_nb.core import build, cache
 
 path, whole = pathlib.Path(sys.argv[2]), None
 warnings.simplefilter("always")
@@ -523,7 +523,7 @@ for damaged in sorted(pathlib.Path(sys.argv[3]).iterdir()):
     except ValueError:
         said += 1
 path.write_bytes(damaged.read_bytes())
-engine._made.clear()
+build._made.clear()
 cache._said.clear()
 with warnings.catch_warnings(record=True) as caught:
     warnings.simplefilter("always")
@@ -720,6 +720,17 @@ def test_a_large_table_is_said_to_cost_a_compilation_in_every_process(own_folder
     assert not list(own_folder.glob("*.loop"))
 
 
+@pytest.mark.parametrize("size", [1000, 200_000])
+def test_a_table_that_changes_in_place_is_never_read_in_place_of_its_copy(size):
+    table = np.ones(size)
+    law = cell("@block\ndef law(sigma): return table[3]*sigma", table=table)["law"]
+    seen = [value(law)]
+    table *= 2.0
+    seen.append(value(law))
+    law.f.__globals__["table"] = np.ones(size)  # the cell that loads it is run again
+    assert [*seen, value(law)] == [1.0, 2.0, 1.0]
+
+
 STALE = {
     "a table in a default of a helper": (
         "import numpy as np\nT = np.zeros(5000); T[2500] = {}\ndef helper(s, q=T): return q[2500]*s"
@@ -743,10 +754,10 @@ def test_what_looks_alike_is_told_apart(what):
 
 
 def test_loops_in_memory_are_bounded(own_folder, monkeypatch):
-    monkeypatch.setattr(smc.core.engine, "LOOPS", 3)
+    monkeypatch.setattr(smc.core.build, "LOOPS", 3)
     monkeypatch.setattr(cache, "_FUNCTIONS", 5)
     source = "def helper(s): return {}*s" + LAW("helper(sigma)")
     seen = [simulate(loop_of(cell(source.format(k))["law"])).u[0]
             for k in (0.75, 0.5, 0.25, 0.125, 0.75)]
     assert seen == [0.75, 0.5, 0.25, 0.125, 0.75]
-    assert len(smc.core.engine._made) == 3 and len(cache._compiled) <= 5
+    assert len(smc.core.build._made) == 3 and len(cache._compiled) <= 5

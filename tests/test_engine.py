@@ -19,7 +19,9 @@ from scipy.integrate import solve_ivp
 
 import smcaero_nb as smc
 from smcaero_nb import BlockError, ClosedLoop, Param, ParameterError, block, simulate
-from smcaero_nb.core import engine
+from smcaero_nb.core import build, program
+
+driver = sys.modules[simulate.__module__]
 
 
 # ---- blocks that most tests share ----------------------------------------------------------------
@@ -249,7 +251,7 @@ def test_an_output_that_sees_u_and_d_changes_neither_by_chunks_nor_by_the_compil
                                                                                    method):
     whole, plain = (simulate(through, 4.0, 4e-3, tau=12e-3, method=method, jit=jit, record=100)
                     for jit in (True, False))
-    monkeypatch.setattr(engine, "CHUNK", 1e-9)
+    monkeypatch.setattr(driver, "CHUNK", 1e-9)
     assert (same(whole, plain)
             and same(whole, simulate(through, 4.0, 4e-3, tau=12e-3, method=method, record=100)))
 
@@ -277,8 +279,8 @@ def test_channels_and_tuples_see_their_controls():
 
 def test_who_asks_for_no_control_pays_nothing():
     """The perturbation stays behind the output, and no u before it, in the loops of all others."""
-    lines, others = ([q.split("=")[0].strip() for q in made(loop).source.split("\n")]
-                     for loop in (smooth, through))
+    sources = [program.written(loop, "euler", 1e-3, 1).source for loop in (smooth, through)]
+    lines, others = ([q.split("=")[0].strip() for q in s.split("\n")] for s in sources)
     assert (lines.index("out_output") < lines.index("out_reference")
             < lines.index("out_perturbation") < lines.index("out_law"))
     assert (others.index("out_perturbation") < others.index("out_output")
@@ -304,8 +306,8 @@ def test_what_does_not_fit_an_output_that_asks_for_u_is_named():
         return (x[5],)
 
     with pytest.raises(BlockError,
-                       match=r"^plant 'never' works with no number of inputs from 1 to 8 "
-                             r".*IndexError"):
+                       match=r"^plant 'never' could not be evaluated .* number of inputs from 1 to "
+                             r"8; .*IndexError"):
         simulate(ClosedLoop(never, output=block(lambda u: u)), 1.0, 0.1)
     misspelt = block(state=dict(a=0.0))(lambda uu: (uu,))
     with pytest.raises(BlockError, match="^plant '<lambda>' .*'uu'$"):
@@ -426,9 +428,9 @@ def test_stop_at_the_start_or_never():
 
 
 def test_a_loop_without_stop_has_no_line_for_it():
-    text = engine._Writer(relay, "euler", 1e-3).source
-    assert ("left" not in text
-            and "left" in engine._Writer(relay.with_(stop=left), "euler", 1e-3).source)
+    text, other = (program.written(q, "euler", 1e-3, 1).source
+                   for q in (relay, relay.with_(stop=left)))
+    assert "left" not in text and "left" in other
 
 
 def test_stop_is_one_number():
@@ -489,7 +491,7 @@ def test_compiled_equals_plain_to_the_last_bit_own_blocks(loop, method):
 def test_chunks_change_no_bit(monkeypatch, preset, chunk):
     loop = smc.lv.loop("quasi_smc", preset)
     whole = simulate(loop, 20.0, 5e-3)
-    monkeypatch.setattr(engine, "CHUNK", chunk)
+    monkeypatch.setattr(driver, "CHUNK", chunk)
     calls = []
     parts = simulate(loop, 20.0, 5e-3, progress=calls.append)
     assert same(whole, parts)
@@ -527,23 +529,18 @@ def test_progress_is_told_and_what_it_raises_ends_the_run():
 def test_no_chunk_takes_more_than_50_ms(cost, tail, n):
     clock, longest = [0.0], [0.0]
 
-    def run(S, P, rec, dt, tau, m, every, n, k, stop, sample, row, line):
+    def run(S, P, R, rec, dt, tau, m, every, n, k, stop, sample, row, line):
         """Takes `cost` for each step, on a clock of its own."""
         clock[0] += (stop - k)*cost
         longest[0] = max(longest[0], (stop - k)*cost)
         return stop, sample, row, line, n, False
 
-    writer = made(relay)
+    written = program.written(relay, "euler", 1e-3, 1)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(engine, "_made_loop", lambda *args: (run, writer))
-        patch.setattr(engine.time, "perf_counter", lambda: clock[0])
+        patch.setattr(driver, "built", lambda *args: (run, written))
+        patch.setattr(driver.time, "perf_counter", lambda: clock[0])
         simulate(relay, n*1e-3, 1e-3, tail=tail, jit=False)
     assert longest[0] <= max(0.05, 20*cost)  # the first chunk, 20 steps of plain Python, is a guess
-
-
-def made(loop):
-    """The written loop, not compiled."""
-    return engine._made_loop(loop, "euler", 1e-3, False)[1]
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="needs POSIX signals")
@@ -589,15 +586,14 @@ print(run.steps, len(run.t), used)
 
 def test_threads_may_simulate_at_once(monkeypatch):
     """Those of masks do; the loop is new to all of them."""
-    written = []
+    made = []
 
-    class SlowWriter(engine._Writer):
-        def __init__(self, *args):
-            written.append(args)
-            threading.Event().wait(0.1)
-            super().__init__(*args)
+    def slowly(*args):
+        made.append(args)
+        threading.Event().wait(0.1)
+        return program.written(*args)
 
-    monkeypatch.setattr(engine, "_Writer", SlowWriter)
+    monkeypatch.setattr(build, "written", slowly)
 
     @block
     def recursive(sigma):
@@ -606,7 +602,7 @@ def test_threads_may_simulate_at_once(monkeypatch):
     with ThreadPoolExecutor(4) as pool, event.install_recorder("numba:compile") as recorder:
         results = [*pool.map(lambda k: simulate(relay.with_(law=recursive, plant__k=k), 1.0, 0.01),
                              (0.5, 0.6, 0.5, 0.6))]
-    assert len(written) == 1
+    assert len(made) == 1
     assert (same(results[0], results[2]) and same(results[1], results[3])
             and not same(results[0], results[1]))
     assert same(results[0],
@@ -650,8 +646,8 @@ def finite(run):
         return all(map(of, v)) if isinstance(v, tuple) else bool(np.all(np.isfinite(v)))
 
     unknown = () if run.tail else ("tail_e", "tail_sigma", "tail_u", "tail_peaks")
-    return of({k: v for k, v in vars(run).items() if k not in ("loop", "diverged_at", *unknown)
-               and v is not None})
+    other = ("loop", "diverged_at", "ended", "_leaves", *unknown)
+    return of({k: v for k, v in vars(run).items() if k not in other and v is not None})
 
 
 @pytest.mark.parametrize("jit", [True, False])
@@ -805,11 +801,11 @@ OUTPUTS = [("law", "None", "must return a float or a tuple of floats; it returne
            ("plant", "(1.0,)", "must return dx/dt as a tuple of 2 (s, ds); it returned (1.0,)"),
            ("plant", "(1.0, 2.0, 3.0)",
             "must return dx/dt as a tuple of 2 (s, ds); it returned (1.0, 2.0, 3.0)"),
-           ("plant", "1.0", "must return dx/dt as a tuple of 2 (s, ds); it returned 1.0"),
+           ("plant", "1.0", "must return dx/dt as a tuple of 2 (s, ds); it returned 1"),
            ("plant", "(1.0, (2.0,))",
             "must return dx/dt as a tuple of 2 (s, ds); it returned (1.0, (2.0,))"),
            ("memory", "sigma",
-            "must return (output, next z), next z a tuple of 2 (a, b); it returned 1.0"),
+            "must return (output, next z), next z a tuple of 2 (a, b); it returned 1"),
            ("memory", "sigma, z[0]",
             "must return (output, next z), next z a tuple of 2 (a, b); it returned (1.0, 0.0)"),
            ("memory", "sigma, (0.0,)", "next z a tuple of 2 (a, b); it returned (1.0, (0.0,))"),
@@ -1008,6 +1004,15 @@ def test_a_sampling_step_or_start_that_fails_is_refused_whatever_ran_before(own_
             simulate(bad)
 
 
+def test_a_truth_value_at_the_start_is_refused_whatever_ran_before(own_memory):
+    law = block(lambda sigma, mode=0.0: sigma > 0.0 if mode > 0.5 else -1.0)
+    loop = ClosedLoop(linear, law=law, duration=1.0, dt=0.1)
+    for first in (lambda: None, lambda: simulate(loop)):
+        first()
+        with pytest.raises(BlockError, match="must return a float or a tuple of floats"):
+            simulate(loop.with_(law__mode=1.0))
+
+
 def test_the_number_of_inputs_does_not_depend_on_what_ran_before(own_memory):
     plant = block(state=dict(x=1.0))(lambda u, k=2.0: (u/(k - 1.0),))
     loop = ClosedLoop(plant, output=block(lambda x, u: x[0]), law=block(lambda sigma: -sigma),
@@ -1015,7 +1020,7 @@ def test_the_number_of_inputs_does_not_depend_on_what_ran_before(own_memory):
     for first in (lambda: None, lambda: simulate(loop)):
         first()
         with pytest.raises(BlockError,
-                           match="^plant '<lambda>' works with no number of inputs from 1 to 8"):
+                           match="^plant '<lambda>' could not be evaluated at its initial state"):
             simulate(loop.with_(plant__k=1.0))
 
 
@@ -1028,7 +1033,7 @@ SCALAR_LAWS = [smc.smc1.sign_smc, smc.smc1.quasi_smc, smc.smc1.saturation_smc, s
 @pytest.fixture
 def own_memory(monkeypatch):
     """No memory of loops that were made."""
-    monkeypatch.setattr(engine, "_made", {})
+    monkeypatch.setattr(build, "_made", {})
 
 
 @pytest.mark.parametrize("law", SCALAR_LAWS, ids=lambda b: b.name)
@@ -1044,13 +1049,20 @@ def test_an_error_of_shape_speaks_of_the_shape_and_the_way_out():
     pair = r"= \(-?1.0, -?0.0\) \(a tuple of 2\)\. "
     for law, said in ((lambda sigma: 2.0*(sigma > 0.0),
                        pair + r"sigma\[0\] is the first component of sigma; a stage"),
+                      (lambda e: 2.0*e, pair + r"e\[0\] is the first component of e; a stage"),
                       (lambda e: e[2], pair + r"e has 2 components, e\[0\] to e\[1\]"),
-                      (lambda y: sum(*zip(*y, strict=False)), pair.removesuffix(" "))):
+                      (lambda y: sum(*zip(*y, strict=False)), pair.removesuffix(r"\. "))):
         with pytest.raises(BlockError, match="^law '<lambda>' fails at t = 0.*" + said):
             simulate(ClosedLoop(two, law=block(law)), 1.0, 0.1)
-    no_components = r"sigma = -1.0 \(a number\)\. A number has no components: write sigma"
-    with pytest.raises(BlockError, match=no_components):
+    with pytest.raises(BlockError,
+                       match=r"sigma = -1 \(a number\)\. A number has no components: write sigma"):
         simulate(ClosedLoop(linear, law=block(lambda sigma: sigma[0])), 1.0, 0.1)
+    with pytest.raises(BlockError,
+                       match=r"write u, without an index, or let a stage before this one"):
+        simulate(ClosedLoop(block(state=dict(x=1.0))(lambda x, u: (u[0],))), 1.0, 0.1)
+    with pytest.raises(BlockError,
+                       match=r"law 'twisting' .*\(a number\).* before this one .* give several"):
+        simulate(ClosedLoop(linear, law=smc.smc2.twisting), 1.0, 0.1)
 
 
 def test_a_state_that_is_a_tuple_is_refused_with_the_way_out():
@@ -1087,6 +1099,17 @@ CHANCE = {
     "a closure": ("import numpy as np\ndef make(r):\n    def law(sigma): return r.rand()\n"
                   "    return law\n"
                   "law = make(np.random)"),
+    "a tuple of helpers": ("import numba, numpy as np\n@numba.njit\n"
+                           "def noise(s): return np.random.rand()\n"
+                           "both = (noise, 1.0)\ndef law(sigma): return both[0](sigma)"),
+    "a default of a helper": ("import numpy as np\ndef noise(s, f=np.random.rand): return f()\n"
+                              "def law(sigma): return noise(sigma)"),
+    "a callback of C": ("import numba, numpy as np\n@numba.cfunc('f8(f8)')\n"
+                        "def noise(s): return np.random.rand()\n"
+                        "def law(sigma): return noise(sigma)"),
+    "a ufunc": ("import numba, numpy as np\n@numba.vectorize\n"
+                "def noise(s): return np.random.rand()\n"
+                "def law(sigma): return noise(sigma)"),
 }
 
 
@@ -1097,3 +1120,10 @@ def test_a_block_that_draws_random_numbers_is_refused_with_the_way_out(how, jit)
     with pytest.raises(BlockError,
                        match="law 'law' draws random numbers with (numpy.)?random, .*default_rng"):
         simulate(ClosedLoop(linear, law=block(names["law"])), 1.0, 0.1, jit=jit)
+
+
+def test_numbers_that_were_drawn_once_may_have_any_name():
+    exec("import numpy as np\nrandom = np.random.default_rng(1).standard_normal(100)\n"
+         "def law(sigma, t): return np.abs(random[int(t)]) - sigma",
+         names := {"__name__": "__main__"})
+    assert simulate(ClosedLoop(linear, law=block(names["law"])), 1.0, 0.1, jit=False).steps == 10

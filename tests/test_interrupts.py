@@ -367,7 +367,14 @@ ODD = [
     (lambda: transfer_function(7, smc.prd.experiment),
      "transfer_function: live = 7 is not allowed"),
     (lambda: transfer_function(live(PD), 3), "transfer_function: make = 3 is not allowed"),
-    (lambda: mask(PD).offer(3, PD), "the name 3 is not allowed"),
+    (lambda: mask(PD).offer(3, PD), "mask: name = 3 is not allowed; it must be text"),
+    (lambda: mask(PD).offer(["a"], PD), r"name = \['a'\] is not allowed"),
+    (lambda: compare({"a": PD}).set(["a"]), r"compare: \(\['a'\],\) is not allowed; .* of a$"),
+    (lambda: upload(live(PD), int, len), "upload: read = .* is not allowed; it must be a function"),
+    (lambda: mask(PD, include="x"*10_000), "include = 'x{5,30}[.]{3}x{5,30}' is not allowed"),
+    (lambda: live(PD, states=10**5000), "states = 1e5000 or so is not allowed"),
+    (lambda: live(10**5000), "live: 1e5000 or so is not allowed"),
+    (lambda: compare({"a": 10**5000}), "compare: {'a': 1e5000 or so} is not allowed"),
     (lambda: mask(PD).offer("a", 3), "{'a': 3} is not allowed"),
 ]
 

@@ -240,6 +240,33 @@ def test_messages_show_the_beginning_of_a_value_only():
     assert len(str(why.value)) < 600
 
 
+HUGE = 10**5000  # Python writes no more than 4300 digits
+
+
+@pytest.mark.parametrize(("stage", "source", "said"), [
+    ("law", "lambda sigma: HUGE", "it returned 1e5000 or so"),
+    ("law", "lambda sigma: (HUGE, 1.0)", r"it returned \(1e5000 or so, 1.0\)"),
+    ("law", "lambda sigma: list(range(10_000))", r"it returned \[0, 1, 2"),
+    ("law", "lambda " + ", ".join(f"q{i}" for i in range(3000)) + ": 1.0", "asks for q0, q1"),
+    ("output", "lambda x: (x[0],)*10_000", r"It was given .*e = \(-0.1, -0.1"),
+    ("reference", "lambda t: (1.0,)*10_000", "reference and output do not fit: e = r - y with r"),
+    ("plant", "lambda x: (HUGE,)", r"it returned \(1e5000 or so,\)"),
+])
+def test_messages_of_a_loop_show_the_beginning_of_what_a_stage_returned(stage, source, said):
+    made = block(eval(source, {"HUGE": HUGE}), state=dict(x=0.1) if stage == "plant" else None)
+    plant = block(lambda u: (u,), state=dict(x=0.1))
+    loop = smc.ClosedLoop(**{"plant": plant, "law": block(lambda e: e + 1.0), stage: made})
+    with pytest.raises(BlockError, match=said) as why:
+        simulate(loop, 1.0, 0.1, jit=False)
+    assert len(str(why.value)) < LONGEST
+
+
+def test_a_state_of_many_numbers_is_shown_in_short():
+    with pytest.raises(BlockError, match=r"state w = \(0, 1, 2, .* is not allowed") as why:
+        block(state=dict(w=tuple(range(10_000))))(lambda x: x)
+    assert len(str(why.value)) < LONGEST
+
+
 def test_a_declaration_that_contradicts_itself():
     for given, said in ((dict(low=2.0, high=1.0), "low = 2 .* at most high = 1"),
                         (dict(low="a"), "low = 'a'"), (dict(high=math.nan), "high = nan"),

@@ -30,6 +30,19 @@ class Metres(np.ndarray):
     unit = "mm"
 
 
+class Variable:
+    """A variable of a file, as of netCDF4: an array where one is asked for, masked in part."""
+
+    def __init__(self, q):
+        self.q = q
+
+    def __len__(self):
+        return len(self.q)
+
+    def __array__(self, dtype=None, copy=None):
+        return np.ma.masked_array(self.q, self.q == self.q[7], dtype)
+
+
 def each(q, wrong):
     """A list of the samples with one of another kind among them."""
     return [*q[:7].tolist(), wrong, *q[8:].tolist()]
@@ -38,6 +51,7 @@ def each(q, wrong):
 #: {what: (a record's column made into that, what is said of it)}
 WRONG = {
     "masked": (lambda q: np.ma.masked_array(q, q == q[7]), "is masked in part"),
+    "masked by another library": (Variable, "is masked in part"),
     "masked in a list": (lambda q: each(q, np.ma.masked), "is masked in part"),
     "complex": (lambda q: q + 0.0j, "holds complex numbers"),
     "complex in a list": (lambda q: each(q, 1j), "holds complex numbers"),

@@ -3,9 +3,11 @@
 from .accuracy import Accuracy, accuracy
 from .assumptions import exceeds
 from .block import Block, BlockError, Channels, block, channels
-from .engine import ClosedLoop, Run, simulate
+from .loop import ClosedLoop
 from .metrics import Metrics, reaching_time
 from .param import Param, ParameterError
+from .run import Run
+from .simulate import simulate
 
 __all__ = ["Accuracy", "Block", "BlockError", "Channels", "ClosedLoop", "Metrics", "Param", "ParameterError", "Run",
            "accuracy", "block", "channels", "exceeds", "reaching_time", "simulate"]

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from .assumptions import degree, laws
-from .engine import simulate, timed
 from .param import ParameterError, function, positive, refused, several
 from .signal import flat
+from .simulate import simulate, timed
 
 __all__ = ["Accuracy", "accuracy"]
 

@@ -46,10 +46,12 @@ def exceeds(name, symbol="|xi|", rate=False):
 
 def laws(run):
     """(block, sigma, v, integral of v) of the law, channel by channel."""
-    law, parts = run.loop.stages["law"], getattr(run.loop.stages["law"], "parts", None)
-    if parts is None:
-        return [(law, run.sigma, run.v, run.integral_v)]
-    return list(zip(parts.values(), run.sigma, run.v, run.integral_v, strict=True))
+    return _channels(run.loop.stages["law"], run.sigma, run.v, run.integral_v)
+
+
+def _channels(law, sigma, v, integral):
+    parts = getattr(law, "parts", None)
+    return [(law, sigma, v, integral)] if parts is None else list(zip(parts.values(), sigma, v, integral, strict=True))
 
 
 def _row(s, i):
@@ -62,17 +64,17 @@ def degree(b, sigma, v):
     return b.r or (1 if isinstance(v, tuple) else len(flat(sigma)))
 
 
-def perturbation(run, tau):
+def perturbation(law, t, sigma, v, integral_v, tau):
     r"""The perturbation as the law meets it, xi = sigma^(r) + v: its mean since the row before.
 
     It holds all that the law does not know: the perturbation of the plant, what the model of it leaves out, and an
-    actuator's lag. Nested as v; None where there is no law, or v and sigma do not belong together.
+    actuator's lag. Nested as v; None where v and sigma do not belong together, or the run is too short.
     """
-    if run.loop.stages["law"] is None or len(run.t) < 3:
+    if len(t) < 3:
         return None
-    sample = np.floor(run.t/tau + 1e-6)
+    sample = np.floor(t/tau + 1e-6)
     kept = np.flatnonzero(np.diff(sample, prepend=-1.0) > 0)  # rows with a sample of their own
-    row = np.searchsorted(kept, np.arange(len(run.t)), "right") - 1
+    row = np.searchsorted(kept, np.arange(len(t)), "right") - 1
     if len(kept) < 2:
         return None
     step = np.diff(sample[kept])*tau
@@ -82,15 +84,15 @@ def perturbation(run, tau):
         return np.append(xi[0], xi)[row]
 
     found = []
-    for b, sigma, v, integral in laws(run):
-        parts, r = flat(sigma), degree(b, sigma, v)
-        if isinstance(v, tuple) and len(parts) == len(flat(v)):
+    for b, s, w, integral in _channels(law, sigma, v, integral_v):
+        parts, r = flat(s), degree(b, s, w)
+        if isinstance(w, tuple) and len(parts) == len(flat(w)):
             found.append(tuple(map(mean, parts, integral)))
-        elif not isinstance(v, tuple) and len(parts) >= r:
+        elif not isinstance(w, tuple) and len(parts) >= r:
             found.append(mean(parts[r - 1], integral))
         else:
             return None
-    return tuple(found) if hasattr(run.loop.stages["law"], "parts") else found[0]
+    return tuple(found) if hasattr(law, "parts") else found[0]
 
 
 def doubts(run):

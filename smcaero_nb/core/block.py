@@ -56,7 +56,7 @@ class Block:
         for name, v in state.items():
             v, meta = v if isinstance(v, tuple) and len(v) == 2 else (v, Param())
             if isinstance(v, (tuple, list)) or not isinstance(meta, Param):
-                raise BlockError(f"{self.name}: state {name} = {state[name]!r} is not allowed; a state is a number, or "
+                raise BlockError(f"{self.name}: state {name} = {said(state[name])} is not allowed; a state is a number, or "
                                  f"(number, Param(...)): name one for each number, {name}_0, {name}_1, ...")
             if name in self.params:
                 raise BlockError(f"{self.name}: '{name}' is both a parameter and a state")

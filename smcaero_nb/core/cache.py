@@ -1,6 +1,7 @@
 """What a function says (not who it is): fingerprints, compiled functions, and a disk cache keyed on them."""
 
 import contextlib
+import dis
 import enum
 import functools
 import hashlib
@@ -45,6 +46,13 @@ def _written(code):
     return tuple(dict.fromkeys(n for c in _codes(code) for n in c.co_names)), hashlib.sha256(repr(say).encode()).hexdigest()
 
 
+@functools.lru_cache(maxsize=2000)
+def _attributes(code):
+    """Names that a code object reads in others, as random in np.random."""
+    return tuple({i.argval: None for c in _codes(code) for i in dis.get_instructions(c)
+                  if i.opname in ("LOAD_ATTR", "LOAD_METHOD")})
+
+
 def _used(f):
     """The globals that a function reads."""
     return {n: f.__globals__[n] for n in _written(f.__code__)[0] if n in f.__globals__}
@@ -86,6 +94,8 @@ def _content(v, seen, names=(), defaults=True):
         return repr((type(v), v.dtype, v.shape, hashlib.sha256(v.tobytes()).hexdigest()))
     if isinstance(v, (tuple, list)):
         return repr((type(v), getattr(v, "_fields", None), [_content(k, seen, names) for k in v]))
+    if type(v) is int:
+        return hex(v)  # Python refuses to write thousands of decimal digits
     return repr(v) if isinstance(v, _PLAIN) else f"{name} {_PROCESS} {id(v)}"
 
 
@@ -110,12 +120,17 @@ def draws(v, names=(), seen=None):
     seen.add((id(v), names))
     inner = []
     if isinstance(v, types.FunctionType):
-        names = _written(v.__code__)[0]
-        inner = [*(c.cell_contents for c in v.__closure__ or ()), *_used(v).values()]
+        names = _attributes(v.__code__)
+        inner = [*(c.cell_contents for c in v.__closure__ or ()), *_used(v).values(),
+                 *(v.__defaults__ or ())]
     elif module and _is_library(v):
         inner = [v.random] if "random" in names and hasattr(v, "random") else []
     elif isinstance(v, (types.ModuleType, type)):
         inner = [getattr(v, n) for n in names if hasattr(v, n)]
+    elif isinstance(v, (tuple, list)):
+        inner = v
+    elif hasattr(v, "__wrapped__"):  # what numba made of a function: a cfunc, a ufunc
+        inner = [v.__wrapped__]
     return next((found for k in inner if (found := draws(k, names, seen))), None)
 
 
@@ -142,8 +157,8 @@ def compiled(f, defaults=None):
             if isinstance(v, tuple):
                 made = map(inner, v)
                 return type(v)(*made) if hasattr(v, "_fields") else tuple(made)
-            if type(v) is np.ndarray and not v.flags.forc:
-                return np.array(v)  # numba copies into its code only what lies in one piece
+            if isinstance(v, np.ndarray) and not isinstance(v, np.ma.MaskedArray):
+                return np.array(v, order="C")  # what numba does not copy into its code may change
             return compiled(v) if isinstance(v, types.FunctionType) else v
 
         reads = {n for c in _codes(f.__code__) for n in c.co_names}

@@ -5,19 +5,11 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
+from .leaves import heads
 from .param import Param, given
-from .signal import flat, shape
+from .signal import flat
 
-__all__ = ["Metrics", "channel_figures", "metrics", "reaching_time"]
-
-
-def heads(s, many=False):
-    """The outputs themselves, without their derivatives, of each channel, as a list; `many`: the items of `s` are channels."""
-    if not isinstance(s, tuple):
-        return [s]
-    if many:
-        return [flat(v)[0] for v in s]
-    return [s[0]] if all(v is None for v in shape(s)) else [h for v in s for h in heads(v)]
+__all__ = ["Metrics", "metrics", "reaching_time"]
 
 
 @dataclass(frozen=True)
@@ -27,15 +19,15 @@ class Metrics:
     Attributes
     ----------
     J_e : float
-        Mean absolute error, (1/T) int \\|e\\| dt: paper eq (73).
+        Mean absolute error, (1/T) int \|e\| dt: paper eq (73).
     J_u : float
-        Mean absolute control, (1/T) int \\|u\\| dt: paper eq (74).
+        Mean absolute control, (1/T) int \|u\| dt: paper eq (74).
     max_u : float
-        Greatest \\|u\\|.
+        Greatest \|u\|.
     tail_e, tail_sigma : float
-        Greatest \\|e\\|, \\|sigma\\| in the tail of the run (its last fifth, unless `simulate` was told otherwise).
+        Greatest \|e\|, \|sigma\| in the tail of the run (its last fifth, unless `simulate` was told otherwise).
     reaching_time : float
-        Time after which \\|sigma\\| stays below twice its tail value [s].
+        Time after which \|sigma\| stays below twice its tail value [s].
     variation_u : float
         Chattering: total variation of u per second in the tail.
     turns_u : float
@@ -68,25 +60,19 @@ class Metrics:
         return "<table><tr><th>" + "</th><th>".join(head) + "</th></tr><tr><td>" + "</td><td>".join(body) + "</td></tr></table>"
 
 
-def _many(run):
-    """Whether the items of sigma are channels, not derivatives: where e has channels, or the law gives one v for each."""
-    nested = isinstance(run.e, tuple) and any(isinstance(v, tuple) for v in run.e)
-    return nested or run.loop.stages["law"] is not None and isinstance(run.v, tuple)
-
-
 def reaching_time(run, band=None):
-    r"""Time after which \\|sigma\\| stays within `band`, channel by channel.
+    r"""Time after which \|sigma\| stays within `band`, channel by channel.
 
     Parameters
     ----------
     run : Run
     band : float, optional
-        In the unit of sigma; default: twice the greatest \\|sigma\\| of the tail.
+        In the unit of sigma; default: twice the greatest \|sigma\| of the tail.
 
     Returns
     -------
     list of float
-        [s], resolved to one recorded row; infinite if \\|sigma\\| is outside at the end, or the run diverged; NaN without a band
+        [s], resolved to one recorded row; infinite if \|sigma\| is outside at the end, or the run diverged; NaN without a band
         where the run ended before its tail.
 
     Raises
@@ -94,15 +80,14 @@ def reaching_time(run, band=None):
     ParameterError
         Something else than a run, or a band that is negative or not finite.
     """
-    from .engine import Run  # which imports this module
+    from .run import Run  # which imports this module
 
     given("reaching_time", "run", run, Run, "a Run, such as simulate(loop) gives")
     if band is not None:
         band = Param(low=0.0, unit="[sigma]").check("reaching_time", "band", band)
-    times = []
-    many = _many(run)
+    times, leaves = [], run.leaves("sigma")
     tails = run.tail_sigma if isinstance(run.tail_sigma, tuple) else (run.tail_sigma,)
-    for low, high, tail in zip(heads(run.low.sigma, many), heads(run.high.sigma, many), tails, strict=True):
+    for low, high, tail in zip(heads(leaves, run.low.sigma), heads(leaves, run.high.sigma), tails, strict=True):
         outside = np.flatnonzero(np.maximum(np.abs(low), np.abs(high)) > (2*tail if band is None else band))
         last = outside[-1] if len(outside) else -1
         never = run.diverged_at is not None or last == len(run.t) - 1
@@ -116,15 +101,10 @@ def _one(values):
     return values[0] if len(values) == 1 else tuple(values)
 
 
-def channel_figures(run, e, sigma, u):
-    """Figures of the leaves of e, sigma and u as figures of their channels: those of derivatives are left out."""
-    return _one(heads(e)), _one(heads(sigma, _many(run))), _one(flat(u))
-
-
 def metrics(run):
     """Figures of merit of the run, as `Metrics`."""
     tail = run.tail or math.nan
-    return Metrics(J_e=_one(heads(run.mean_e)), J_u=_one(flat(run.mean_u)), max_u=_one(flat(run.max_u)),
+    return Metrics(J_e=_one(heads(run.leaves("e"), run.mean_e)), J_u=_one(flat(run.mean_u)), max_u=_one(flat(run.max_u)),
                    tail_e=run.tail_e, tail_sigma=run.tail_sigma, reaching_time=_one(reaching_time(run)),
                    variation_u=_one([v/tail for v in flat(run.tail_variation_u)]),
                    turns_u=_one([v/tail for v in flat(run.tail_turns_u)]), diverged_at=run.diverged_at)

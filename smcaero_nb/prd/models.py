@@ -6,9 +6,9 @@ import sys
 import numpy as np
 
 from ..core import Block, BlockError, ClosedLoop, ParameterError, block, simulate
-from ..core.engine import inputs
-from ..core.metrics import heads
 from ..core.param import given
+from ..core.program import inputs
+from ..core.signal import flat
 from ..interop import matrices
 from ..records import numbers
 from .records import Record
@@ -19,6 +19,15 @@ SAMPLES = 200  # in one window
 REST, MOTION = 250, 260  # before and after the step
 FINE = 2.0  # integration steps in the fastest time constant of a model, at least
 COMPILED, PLAIN = 20000, 100  # at most in one sample
+
+
+def _outputs(s, many):
+    """The outputs themselves, without their derivatives, as a list; `many`: the items of `s` are outputs."""
+    if not isinstance(s, tuple):
+        return [s]
+    if many:
+        return [flat(v)[0] for v in s]
+    return [q for v in s for q in _outputs(v, False)] if any(isinstance(v, tuple) for v in s) else [s[0]]
 
 
 def model(owner, source):
@@ -139,7 +148,7 @@ def _block(source, output, surface, h, amplitude, most=COMPILED):
         if run.diverged_at is not None:
             raise _diverged(plant.name, run.diverged_at - REST*h)
         s = run.y if surface is None else run.sigma
-        return np.array(heads(s, (m > 1 or most == PLAIN) and isinstance(s, tuple)))[:, :REST + MOTION]
+        return np.array(_outputs(s, (m > 1 or most == PLAIN) and isinstance(s, tuple)))[:, :REST + MOTION]
 
     free = moved()
     return plant.name, [moved(**{f"law__u_{j}": amplitude}) - free for j in range(m)]

@@ -11,8 +11,9 @@ import ipywidgets as W
 import traitlets
 
 from ..core import ParameterError
+from ..core.param import said
 from ..records import Table
-from .given import called, short
+from .given import called
 from .job import RAISED
 from .mask import Mask, Page
 from .text import said_html, unmarked, why_not
@@ -213,7 +214,7 @@ def _refuse(owner, live, **functions):
     """Refuse what is no live plot, or no function."""
     if not isinstance(getattr(live, "mask", None), Mask):
         raise ParameterError(
-            f"{owner}: live = {short(live)} is not allowed; it must be a live plot, live(...)")
+            f"{owner}: live = {said(live)} is not allowed; it must be a live plot, live(...)")
     called(owner, **functions)
 
 

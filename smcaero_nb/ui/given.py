@@ -1,24 +1,19 @@
 """What the functions of `ui` are given, refused in words where it is something else."""
 
 import inspect
-import reprlib
 
 from ..core import Block, Channels, ClosedLoop, Param, ParameterError
+from ..core.param import said
 
-__all__ = ["called", "names", "offered", "seconds", "short"]
+__all__ = ["called", "names", "offered", "seconds"]
 
 WORDS = {Block: "a block", Channels: "channels", ClosedLoop: "a closed loop"}
-
-
-def short(value):
-    """A value in a message: on one line, and not long."""
-    return " ".join(reprlib.repr(value).split())
 
 
 def _kind(name, value):
     """What a value is, and the way out if it has only to be called."""
     if not (inspect.isroutine(value) or inspect.isclass(value)):
-        return f"{short({name: value} if name else value)} is not allowed"
+        return f"{said({name: value} if name else value)} is not allowed"
     try:
         asked = [n for n, a in inspect.signature(value).parameters.items()
                  if a.default is a.empty and a.kind not in (a.VAR_POSITIONAL, a.VAR_KEYWORD)]
@@ -39,7 +34,7 @@ def offered(owner, given, *kinds):
     for name, loop in loops.items():
         if not isinstance(name, str):
             raise ParameterError(
-                f"{owner}: the name {short(name)} is not allowed; "
+                f"{owner}: the name {said(name)} is not allowed; "
                 "it must be a text: {'name': loop}")
         if not isinstance(loop, kinds):
             raise ParameterError(f"{owner}: {_kind(name, loop)}; "
@@ -53,16 +48,16 @@ def names(owner, what, given):
         return None
     if isinstance(given, str):
         raise ParameterError(
-            f"{owner}: {what} = {given!r} is not allowed; "
-            f"it must be a sequence of names: ({given!r},)")
+            f"{owner}: {what} = {said(given)} is not allowed; "
+            f"it must be a sequence of names: ({said(given)},)")
     try:
         given = tuple(given)
     except TypeError:
-        raise ParameterError(f"{owner}: {what} = {short(given)} is not allowed; "
+        raise ParameterError(f"{owner}: {what} = {said(given)} is not allowed; "
                              "it must be a sequence of names") from None
     for name in given:
         if not isinstance(name, str):
-            raise ParameterError(f"{owner}: {what} has {short(name)}, which is not allowed; "
+            raise ParameterError(f"{owner}: {what} has {said(name)}, which is not allowed; "
                                  "a name must be a text")
     return given
 
@@ -75,6 +70,9 @@ def seconds(owner, **times):
 def called(owner, **functions):
     """Refuse what is no function."""
     for name, f in functions.items():
-        if not callable(f):
+        try:
+            inspect.signature(f)
+        except (TypeError, ValueError):  # no function, or one of C that does not tell its arguments
             raise ParameterError(
-                f"{owner}: {name} = {short(f)} is not allowed; it must be a function, not called")
+                f"{owner}: {name} = {said(f)} is not allowed; "
+                "it must be a function, not called") from None

@@ -14,7 +14,7 @@ import traitlets
 
 from ..core import Block, ClosedLoop, ParameterError
 from ..core.block import Channels
-from ..core.param import unknown
+from ..core.param import texted, unknown
 from .given import names, offered
 from .job import RAISED
 from .text import doc_html, label, said_html, why_not
@@ -360,6 +360,7 @@ class Mask(W.VBox):
         ParameterError
             The name is not a text, or the target is something else.
         """
+        name = texted("mask", "name", name)
         more = offered("mask", {name: target}, Block, Channels, ClosedLoop)
 
         def made():

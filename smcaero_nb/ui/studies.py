@@ -4,9 +4,10 @@ import ipywidgets as W
 import plotly.graph_objects as go
 
 from ..core import Block, ClosedLoop, ParameterError, accuracy, simulate
+from ..core.param import listed, said
 from .curves import LAW, comparison_html, draw, panels
 from .figures import figure
-from .given import offered, short
+from .given import offered
 from .job import Dropped, Job, interrupted
 from .live import FIRST, ROWS, Live
 from .mask import Page
@@ -106,8 +107,10 @@ class Compare(Study):
         ParameterError
             An unknown name, or more than four.
         """
-        if not 1 <= len(names) <= MOST or not set(names) <= set(self._toggles):
-            raise ParameterError(f"compare: {names} is not allowed; it must be one to {MOST} of {', '.join(self._toggles)}")
+        known = all(isinstance(n, str) and n in self._toggles for n in names)
+        if not 1 <= len(names) <= MOST or not known:
+            raise ParameterError(f"compare: {said(names)} is not allowed; it must be one to {MOST} "
+                                 f"of {listed(self._toggles)}")
         self._pick(names)
         self.wait()
 
@@ -231,7 +234,7 @@ def compare(source):
     """
     if not isinstance(source, (Live, dict)):
         raise ParameterError(
-            f"compare: {short(source)} is not allowed; it must be a live plot or {{name: loop}}")
+            f"compare: {said(source)} is not allowed; it must be a live plot or {{name: loop}}")
     offered("compare", source.mask.offered if isinstance(source, Live) else source, ClosedLoop)
     return Compare(source)
 

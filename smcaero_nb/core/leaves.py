@@ -1,0 +1,77 @@
+"""Leaves: what each number of a signal is."""
+
+from dataclasses import dataclass
+from typing import Any
+
+from .param import Param
+from .signal import leaves
+
+__all__ = ["Leaf", "at", "found", "heads"]
+
+
+@dataclass(frozen=True)
+class Leaf:
+    """One number of a signal.
+
+    Attributes
+    ----------
+    key : str
+        Its name, as in tables and files: ``"e"``, ``"e'"``, ``"u[1]"``, ``"y.theta"``.
+    signal : str
+    path : tuple of int
+        Where it is in the signal.
+    channel : int
+    derivative : int or None
+        0 of the quantity itself, 1 of its rate; None where no item of the signal is a derivative of
+        another one.
+    meta : Param
+    """
+
+    key: str
+    signal: str
+    path: tuple[int, ...]
+    channel: int
+    derivative: int | None
+    meta: Param
+
+
+def at(signal: Any, path: tuple[int, ...]) -> Any:
+    """Return the item of a nested signal at a path."""
+    for i in path:
+        signal = signal[i]
+    return signal
+
+
+def _meta(metas: Any, path: tuple[int, ...]) -> Param:
+    """Return the metadata at a path of a signal; empty where none is declared."""
+    for i in path:
+        if isinstance(metas, tuple):
+            metas = metas[i] if i < len(metas) else None
+    while isinstance(metas, tuple):
+        metas = metas[0] if metas else None
+    return metas or Param()
+
+
+def found(signal: str, shape: Any, metas: Any, many: bool, names: tuple[str, ...] = ()) -> tuple[Leaf, ...]:
+    """Return the leaves of a signal.
+
+    Nested items are channels, and the items of a channel are derivatives. In a flat signal they are
+    derivatives of one another, or, where `many`, channels; with `names`, channels of these names.
+    """
+    nested = shape is not None and any(v is not None for v in shape)
+    made = []
+    for q in leaves(shape):
+        path = tuple(int(i) for i in q[1:-1].split("][")) if q else ()
+        channel = path[0] if path and (nested or many) else 0
+        inner = path[1:] if nested or many else path
+        derivative = None if not nested and many else (inner[-1] if inner else 0)
+        several = path and (nested or many) and len(shape) > 1
+        mark = f"[{channel}]" if several else ""
+        key = f"{signal}.{names[channel]}" if names else f"{signal}{mark}" + "'"*(derivative or 0)
+        made.append(Leaf(key, signal, path, channel, derivative, _meta(metas, path)))
+    return tuple(made)
+
+
+def heads(leaves_: tuple[Leaf, ...], values: Any) -> list:
+    """Return the values of a signal without those of derivatives, one for each channel."""
+    return [at(values, q.path) for q in leaves_ if not q.derivative]

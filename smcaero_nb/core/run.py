@@ -1,0 +1,240 @@
+"""What a simulation gives."""
+
+import csv
+import io
+import math
+import os
+import types
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal, TextIO
+
+import numpy as np
+
+from .assumptions import doubts, perturbation
+from .leaves import Leaf, at, heads
+from .metrics import Metrics, metrics
+from .program import Program
+from .stages import SIGNALS, STAGES
+
+if TYPE_CHECKING:
+    from .loop import ClosedLoop
+
+__all__ = ["Run", "result"]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Run:
+    r"""What a simulation gives; arrays with one value a recorded row, nested as the signals are.
+
+    Attributes
+    ----------
+    loop : ClosedLoop
+    t : ndarray
+        Times of the rows [s].
+    r, y, y_m, e, e_hat, sigma, v, u, d : ndarray or nested tuple of ndarray
+        Signals of the pipeline; the sampled ones as held at that time. At a sample, y and e are as measured: an output that
+        asks for u saw the u of the sample before, not the one that the row gives, which acts from then on. `e` is r - y; `y_m`
+        is what the control sees as y, `u` the control that acts.
+    x, z : namespace
+        Named states: ``run.x.theta``, ``run.z.law.lam``, ``run.z.law.attitude.rho``; `z` as the latest sample left it.
+    probe : namespace
+        What the loop's `probe` gives, by name.
+    low, high : namespace
+        Least and greatest value of `sigma` and `u` since the row before: what chattering reaches between rows.
+    xi : ndarray, nested tuple of ndarray, or None
+        The perturbation as the law meets it, sigma^(r) + v, averaged since the row before: all that the law does not know.
+        Nested as `v`; None where there is no law, or its v does not belong to sigma.
+    integral_v : ndarray, nested tuple of ndarray, or None
+        Running integral of `v` up to the latest sample.
+    mean_e, mean_v, mean_u : float or nested tuple
+        Means of \|e\|, \|v\|, \|u\| over all steps; mean_v is None where there is no law.
+    max_e, max_sigma, max_u : float or nested tuple
+        Greatest absolute values over all steps.
+    tail_e, tail_sigma, tail_u : float or tuple
+        Greatest absolute values over the tail (the last fifth unless told; NaN if the run ended before it), without those of
+        derivatives: a number, or one for each channel, as in `metrics`.
+    tail_peaks : namespace
+        The same of all leaves of `e`, `sigma` and `u`, nested as the signals are.
+    variation_u, tail_variation_u : float or nested tuple
+        Total variation of `u`, from rest, over the run; and in the tail.
+    tail_turns_u : float or nested tuple
+        Reversals of direction of `u` in the tail.
+    tail : float
+        Length of the tail [s].
+    ended : str
+        ``"done"``, ``"stopped"`` or ``"diverged"``.
+    stopped_at : float or None
+        Time at which the loop's `stop` ended the run before its duration was over [s]; the tail is still that of the duration.
+    diverged_at : float or None
+        Time at which a state or signal was not finite, or a state or output left the limits that its metadata declare [s].
+    steps : int
+        Steps done.
+    tau : float
+        Sampling step [s].
+    """
+
+    loop: "ClosedLoop"
+    t: np.ndarray
+    r: Any
+    y: Any
+    y_m: Any
+    e: Any
+    e_hat: Any
+    sigma: Any
+    v: Any
+    u: Any
+    d: Any
+    x: Any
+    z: Any
+    probe: Any
+    low: Any
+    high: Any
+    xi: Any
+    integral_v: Any
+    mean_e: Any
+    mean_v: Any
+    mean_u: Any
+    max_e: Any
+    max_sigma: Any
+    max_u: Any
+    tail_e: Any
+    tail_sigma: Any
+    tail_u: Any
+    tail_peaks: Any
+    variation_u: Any
+    tail_variation_u: Any
+    tail_turns_u: Any
+    tail: float
+    ended: Literal["done", "stopped", "diverged"]
+    stopped_at: float | None
+    diverged_at: float | None
+    steps: int
+    tau: float
+    _leaves: dict[str, tuple[Leaf, ...]]
+
+    def leaves(self, signal: str) -> tuple[Leaf, ...]:
+        """Return what each number of a signal is: ``run.leaves("e")``.
+
+        Raises
+        ------
+        KeyError
+            The signal is not recorded.
+        """
+        return self._leaves[signal]
+
+    def metrics(self) -> Metrics:
+        """Return the figures of merit of the run."""
+        return metrics(self)
+
+    def doubts(self) -> list[str]:
+        """Return the assumptions of the law's theorem that this run violates, in words; see `doubts`."""
+        return doubts(self)
+
+    def to_csv(self, path: "str | os.PathLike | TextIO | None" = None) -> str | None:
+        """Write the recorded signals and states as text, one row a line, names and units above.
+
+        Parameters
+        ----------
+        path : str, path or open file, optional
+
+        Returns
+        -------
+        str or None
+            The text, where no path is given.
+        """
+        columns = {"t [s]": self.t}
+        for signal in SIGNALS[1:]:
+            for q in self._leaves.get(signal, ()):
+                columns[_titled(q.key, q.meta)] = at(getattr(self, signal), q.path)
+        for name, meta in self.loop.stages["plant"].states.items():
+            columns[_titled(f"x.{name}", meta)] = getattr(self.x, name)
+        made = io.StringIO()
+        writer = csv.writer(made, lineterminator="\n")
+        writer.writerow(columns)
+        writer.writerows(np.column_stack([*columns.values()]).tolist())
+        if path is None:
+            return made.getvalue()
+        if isinstance(path, (str, os.PathLike)):
+            with open(path, "w", encoding="utf-8", newline="") as f:
+                f.write(made.getvalue())
+        else:
+            path.write(made.getvalue())
+        return None
+
+    def __repr__(self) -> str:
+        name = self.loop.name or self.loop.stages["plant"].name
+        at = {"done": "", "stopped": f", stopped at {self.stopped_at:g} s" if self.stopped_at is not None else "",
+              "diverged": f", diverged at {self.diverged_at:g} s" if self.diverged_at is not None else ""}[self.ended]
+        return f"Run({name}: {self.steps} steps, {len(self.t)} rows{at})"
+
+    def _repr_html_(self) -> str:
+        return self.metrics()._repr_html_()
+
+
+def _titled(key: str, meta: Any) -> str:
+    return key + (f" [{meta.unit}]" if meta.unit != "1" else "")
+
+
+def _named(states: dict[str, Any], arrays: Any) -> types.SimpleNamespace:
+    """States by name, those of channels by channel and name."""
+    return types.SimpleNamespace(**{k: _named(v, arrays) if isinstance(v, dict) else next(arrays) for k, v in states.items()})
+
+
+def _nested(program: Program, name: str, values: Callable[[str], Any], prefix: str = "") -> Any:
+    """What `values` gives for the variables of a signal, nested as the signal."""
+    def nested(s, path):
+        if s is None:
+            return values(prefix + name + path.replace("][", "_").replace("[", "_").replace("]", ""))
+        return tuple(nested(v, f"{path}[{i}]") for i, v in enumerate(s))
+
+    return nested(program.shapes[name], "")
+
+
+def result(loop: "ClosedLoop", program: Program, rec: np.ndarray, end: dict[str, float], before: dict[str, float],
+           k: int, k_tail: int, dt: float, m: int, stopped: bool, diverged: bool) -> Run:
+    """Return the `Run` of what the loop left: records, figures at the end, and those before the tail."""
+    columns = dict(zip(program.columns, rec.T, strict=True))
+    law = loop.stages["law"] is not None
+
+    def signal(name, values, prefix=""):
+        return _nested(program, name, values, prefix)
+
+    def both(name):
+        return types.SimpleNamespace(**{n: signal(n, columns.__getitem__, f"{name}_") for n in ("sigma", "u")})
+
+    ended_before = k < k_tail + diverged
+    tails = {n: signal(n, lambda q: math.nan if ended_before else end[q], "max_") for n in ("e", "sigma", "u")}
+    signals = {n: signal(n, columns.__getitem__) for n in SIGNALS[1:] if n in program.shapes}
+    signals.setdefault("y_m", signals["y"])
+    integral = signal("v", columns.__getitem__, "integral_") if law else None
+    arrays = iter(columns[q] for q in (*program.x, *program.z))
+    memory = [s for s, q in STAGES.items() if q.memory and s != "plant" and loop.stages[s]]
+    figures = {n: heads(program.leaves[n], v) for n, v in tails.items()}
+    made = dict(
+        x=_named(loop.stages["plant"].states, arrays),
+        z=types.SimpleNamespace(**{s: _named(loop.stages[s].states, arrays) for s in memory}),
+        probe=_probed(loop, program, columns), low=both("low"), high=both("high"), integral_v=integral,
+        mean_e=signal("e", lambda q: end[q]/max(k, 1), "sum_"), mean_u=signal("u", lambda q: end[q]/max(k, 1), "sum_"),
+        mean_v=signal("v", lambda q: end[q]/max(k//m + 1, 1), "sum_") if law else None,
+        tail_peaks=types.SimpleNamespace(**tails),
+        **{f"tail_{n}": v[0] if len(v) == 1 else tuple(v) for n, v in figures.items()},
+        **{f"max_{n}": signal(n, lambda q: max(end[q], before[q]), "max_") for n in tails},
+        **{f"tail_{n}_u": signal("u", lambda q: end[q] - before[q], f"{n}_") for n in ("variation", "turns")},
+        variation_u=signal("u", end.__getitem__, "variation_"))
+    t, tau = columns["t"], m*dt
+    xi = perturbation(loop.stages["law"], t, signals["sigma"], signals["v"], integral, tau) if law else None
+    return Run(loop=loop, t=t, tau=tau, steps=k, tail=max(k - k_tail, 0)*dt, xi=xi,
+               ended="diverged" if diverged else "stopped" if stopped else "done",
+               stopped_at=k*dt if stopped else None, diverged_at=k*dt if diverged else None,
+               _leaves=program.leaves, **signals, **made)
+
+
+def _probed(loop: "ClosedLoop", program: Program, columns: dict[str, np.ndarray]) -> types.SimpleNamespace:
+    """What the probe gives, by the name of its block, or of each of its channels."""
+    b = loop.stages["probe"]
+    if b is None:
+        return types.SimpleNamespace()
+    signal = _nested(program, "probe", columns.__getitem__)
+    names = b.parts if hasattr(b, "parts") else [b.name]
+    return types.SimpleNamespace(**dict(zip(names, signal if hasattr(b, "parts") else [signal], strict=True)))

@@ -1,0 +1,140 @@
+"""Simulation: what is asked for is checked, and the loop driven in chunks of steps."""
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from .build import built
+from .loop import ClosedLoop
+from .param import Param, ParameterError, chosen, function, given, positive, refused, switch
+from .program import METHODS, Program
+from .run import Run, result
+
+__all__ = ["simulate", "timed"]
+
+CHUNK = 0.02  # s of machine time between two looks at Ctrl-C, cancel and progress
+ROWS = 100_000_000  # most rows of a run
+MOST = 100_000  # samples that a latency may take
+
+
+def timed(owner: str, loop: Any, duration: Any, dt: Any, tau: Any) -> tuple[Any, float, float]:
+    """Duration or None, dt and tau [s]: those given, else the loop's own."""
+    given(owner, "loop", loop, ClosedLoop, "a ClosedLoop, such as lv.loop() makes")
+    duration, dt, tau = (getattr(loop, n) if v is None else positive(owner, n, v)
+                         for n, v in dict(duration=duration, dt=dt, tau=tau).items())
+    if dt is None:
+        raise ParameterError(f"{owner}: dt [s] is not given, and the loop has none of its own")
+    return duration, dt, dt if tau is None else tau
+
+
+def simulate(loop: ClosedLoop, duration: float | None = None, dt: float | None = None,
+             tau: float | None = None, *, method: str = "euler", record: int = 2000,
+             tail: float = 0.2, jit: bool = True,
+             progress: Callable[[float], Any] | None = None) -> Run:
+    """Run a closed loop: the controller acts every `tau`, the plant is integrated with `dt`.
+
+    Parameters
+    ----------
+    loop : ClosedLoop
+    duration, dt, tau : float
+        Simulated time (to the nearest step), integration step, sampling step (a multiple of `dt`; default `dt`) [s];
+        what the loop itself says, where not given.
+    method : str
+        ``"euler"``, ``"midpoint"`` or ``"rk4"``.
+    record : int
+        About how many rows are kept, at least 1; sums, maxima and variations use every step all the same.
+    tail : float
+        Fraction of the run, at its end, over which the tail figures are taken.
+    jit : bool
+        False runs the same loop as plain Python: slow, for breakpoints in blocks.
+    progress : callable, optional
+        Called with the fraction done (0 to 1) at least every 50 ms of machine time or so; what it raises ends the run.
+
+    Returns
+    -------
+    Run
+        Its valid part, with `Run.diverged_at` set, if it diverged.
+
+    Raises
+    ------
+    ParameterError
+        Something other than a `ClosedLoop`; a time, method, switch or number of rows that is not
+        allowed.
+    BlockError
+        A block that does not fit its stage, fails at t = 0 or cannot be compiled.
+
+    Notes
+    -----
+    Ctrl-C acts between two chunks of steps, about every 20 ms. The result does not depend on the chunks.
+    """
+    duration, dt, tau = timed("simulate", loop, duration, dt, tau)
+    if duration is None:
+        raise ParameterError("simulate: duration [s] is not given, and the loop has none of its "
+                             "own")
+    jit, progress = switch("simulate", "jit", jit), function("simulate", "progress", progress)
+    m, n, lag = _steps(loop, duration, dt, tau)
+    chosen("simulate", "method", method, METHODS)
+    record = Param(low=1).check("simulate", "record", record, int)
+    tail = Param(low=0.0, high=1.0).check("simulate", "tail", tail)
+    if min(record, n) > ROWS:
+        raise refused("simulate", "record", record, f"at most {ROWS:g}, as there are {n:g} steps")
+    if jit:
+        from numba import config
+
+        jit = not config.DISABLE_JIT
+    f, program = built(loop, method, m*dt, m, lag, jit)
+    every, k_tail = -(-n//record), n - round(n*tail)
+    rec = np.empty((-(-n//every) + 1, len(program.columns)))
+    *left, k, stopped, diverged = _driven(f, program, loop, rec, dt, m, n, every, k_tail,
+                                          1000 if jit else 20, progress)
+    return result(loop, program, *left, k, k_tail, dt, m, stopped, diverged)
+
+
+def _steps(loop: ClosedLoop, duration: float, dt: float, tau: float) -> tuple[int, int, int]:
+    """Check times against one another; return the steps of a sample, of the run and of the latency."""
+    if not max(tau, duration, loop.latency)/dt < 1e15:
+        raise ParameterError(f"simulate: dt = {dt:g} s is not allowed; {max(tau, duration, loop.latency):g} s must "
+                             "take less than 1e15 steps")
+    m, n, lag = round(tau/dt), round(duration/dt), round(loop.latency/dt)
+    if m < 1 or abs(m*dt - tau) > 1e-9*tau:
+        raise ParameterError(f"simulate: tau = {tau:g} s is not allowed; it must be a multiple of "
+                             f"dt = {dt:g} s")
+    if abs(lag*dt - loop.latency) > 1e-9*loop.latency or lag > MOST*m:
+        raise ParameterError(f"simulate: latency = {loop.latency:g} s is not allowed; it must be a multiple of "
+                             f"dt = {dt:g} s, of at most {MOST} samples of {tau:g} s")
+    if duration < tau*(1 - 1e-9):
+        raise ParameterError(f"simulate: duration = {duration:g} s is not allowed; it must be at "
+                             f"least tau = {tau:g} s")
+    for name, (meta, value, _) in loop.settable().items():
+        count = value/tau if meta.samples else 1.0
+        if not 0.5 < count < 1e15 or abs(count - round(count)) >= 1e-9*count:
+            raise ParameterError(f"simulate: {name} = {value:g} s is not allowed; it must be a "
+                                 f"multiple of tau = {tau:g} s")
+    return m, n, lag
+
+
+def _driven(f: Callable, program: Program, loop: ClosedLoop, rec: np.ndarray, dt: float, m: int, n: int, every: int,
+            k_tail: int, chunk: int, progress: Callable | None) -> tuple:
+    """Run a loop in chunks; return its records, figures at the end and before the tail, and how it ended."""
+    P = np.array([v for p in loop.p.values() for v in p], float)
+    x, z = loop.start()
+    S = np.array([*(program.state | x | z).values()])
+    R, names = np.array(program.rings, float), [*program.state]
+    peaks = [i for i, q in enumerate(program.state) if q.startswith("max_")]
+    before = dict.fromkeys(names, 0.0)
+    k = sample = row = line = 0
+    diverged, planned = False, n
+    while k <= n and not diverged:
+        stop = min(k + chunk, k_tail if k < k_tail else n + 1)
+        began, first = time.perf_counter(), k
+        k, sample, row, line, n, diverged = f(S, P, R, rec, dt, m*dt, m, every, n, k, stop, sample, row, line)
+        if k == k_tail and first < k:
+            before = dict(zip(names, S.tolist(), strict=True))
+            S[peaks] = 0.0
+        chunk = max(1, int((k - first)*min(8.0, CHUNK/max(time.perf_counter() - began, 1e-6))))
+        if progress:
+            progress(min(k/n, 1.0) if n else 1.0)
+    end = dict(zip(names, S.tolist(), strict=True))
+    return rec[:line], end, before, min(k, n), n < planned, diverged
