@@ -1,10 +1,11 @@
 """Sliding mode control for aerospace: a teaching and analysis kit.
 
-``import smcaero_nb as smc`` gives the engine (`block`, `Param`, `channels`, `ClosedLoop`, `simulate`, `accuracy`), the
-laws (`smc1`, `smc2`, `hosmc`, `pid`), the differentiators that let them do with the output alone (`differentiators`), the design
-of sliding variables (`surface`), plants to try them on (`applications`), the lunar lander (`rpl`), the launch vehicle (`lv`),
-plants from python-control (`interop`), the practical relative degree (`prd`), and the masks and plots (`ui`, loaded when it is
-first used).
+``import smcaero_nb as smc`` gives the engine (`block`, `Param`, `channels`, `ClosedLoop`,
+`simulate`, `accuracy`), vectors for your own blocks (`vec`), the laws (`smc1`, `smc2`, `hosmc`,
+`pid`), the differentiators that let them work from the output alone (`differentiators`), the design
+of sliding variables (`surface`), plants to try them on (`applications`), the lunar lander (`rpl`),
+the launch vehicle (`lv`), plants from python-control (`interop`), the practical relative degree
+(`prd`), and the masks and plots (`ui`, loaded when it is first used).
 """
 
 import importlib
@@ -23,11 +24,12 @@ from .core import (
     block,
     channels,
     simulate,
+    vec,
 )
 
 __all__ = ["Block", "BlockError", "Channels", "ClosedLoop", "Metrics", "Param", "ParameterError", "Run", "accuracy",
            "applications", "block", "channels", "differentiators", "hosmc", "interop", "lv", "pid", "prd", "rpl", "simulate",
-           "smc1", "smc2", "surface"]
+           "smc1", "smc2", "surface", "vec"]
 __version__ = "0.1.0"
 
 

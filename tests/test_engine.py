@@ -19,7 +19,7 @@ from scipy.integrate import solve_ivp
 
 import smcaero_nb as smc
 from smcaero_nb import BlockError, ClosedLoop, Param, ParameterError, block, simulate
-from smcaero_nb.core import build, program
+from smcaero_nb.core import build, writer
 
 driver = sys.modules[simulate.__module__]
 
@@ -279,7 +279,7 @@ def test_channels_and_tuples_see_their_controls():
 
 def test_who_asks_for_no_control_pays_nothing():
     """The perturbation stays behind the output, and no u before it, in the loops of all others."""
-    sources = [program.written(loop, "euler", 1e-3, 1).source for loop in (smooth, through)]
+    sources = [writer.written(loop, "euler", 1e-3, 1).source for loop in (smooth, through)]
     lines, others = ([q.split("=")[0].strip() for q in s.split("\n")] for s in sources)
     assert (lines.index("out_output") < lines.index("out_reference")
             < lines.index("out_perturbation") < lines.index("out_law"))
@@ -428,7 +428,7 @@ def test_stop_at_the_start_or_never():
 
 
 def test_a_loop_without_stop_has_no_line_for_it():
-    text, other = (program.written(q, "euler", 1e-3, 1).source
+    text, other = (writer.written(q, "euler", 1e-3, 1).source
                    for q in (relay, relay.with_(stop=left)))
     assert "left" not in text and "left" in other
 
@@ -535,7 +535,7 @@ def test_no_chunk_takes_more_than_50_ms(cost, tail, n):
         longest[0] = max(longest[0], (stop - k)*cost)
         return stop, sample, row, line, n, False
 
-    written = program.written(relay, "euler", 1e-3, 1)
+    written = writer.written(relay, "euler", 1e-3, 1)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(driver, "built", lambda *args: (run, written))
         patch.setattr(driver.time, "perf_counter", lambda: clock[0])
@@ -591,7 +591,7 @@ def test_threads_may_simulate_at_once(monkeypatch):
     def slowly(*args):
         made.append(args)
         threading.Event().wait(0.1)
-        return program.written(*args)
+        return writer.written(*args)
 
     monkeypatch.setattr(build, "written", slowly)
 

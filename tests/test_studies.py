@@ -1,4 +1,4 @@
-"""Phase portrait, comparison, certificate of the order of sliding, and the remark that a theorem does not apply."""
+"""Phase portrait, comparison, certificate of the order of sliding, runs no theorem covers."""
 
 import threading
 
@@ -11,7 +11,8 @@ from smcaero_nb.applications import perturbed_chain
 from smcaero_nb.ui import certificate, compare, live, plot, studies
 
 CHAINS = {name: perturbed_chain(law, 1).with_(duration=5.0) for name, law in (
-    ("sign", smc1.sign_smc), ("quasi", smc1.quasi_smc), ("saturation", smc1.saturation_smc), ("tanh", smc1.tanh_smc),
+    ("sign", smc1.sign_smc), ("quasi", smc1.quasi_smc), ("saturation", smc1.saturation_smc),
+    ("tanh", smc1.tanh_smc),
     ("super-twisting", smc2.super_twisting))}
 
 
@@ -22,7 +23,7 @@ def picture():
     return p
 
 
-# ---- phase portrait ----------------------------------------------------------------------------------------------
+# ---- phase portrait ------------------------------------------------------------------------------
 def test_phase_portrait_moves_with_the_sliders(picture):
     before = picture.curves["phase"]
     x, y = before.x.copy(), before.y.copy()
@@ -54,21 +55,23 @@ def test_phase_portraits_of_two_channels():
 
     for law in (signs(), smc1.unit_vector):
         figure = plot(smc.simulate(loop_of_two(law, a=0.5), 3.0, 1e-3), phase=True)
-        assert [t.meta for t in figure.data if t.meta.startswith("phase")] == ["phase[0]", "phase[1]"]
+        portraits = [t.meta for t in figure.data if t.meta.startswith("phase")]
+        assert portraits == ["phase[0]", "phase[1]"]
 
 
-# ---- the theorem -------------------------------------------------------------------------------------------------
+# ---- the theorem ---------------------------------------------------------------------------------
 def test_a_perturbation_beyond_the_bound_is_simulated_and_said(picture):
     before = picture.curves["sigma"].y.copy()
     picture.set(perturbation__xi_1=3.0)
-    assert picture.status == "|xi| reaches 3, more than rho = 2 [v]: the theorem does not cover this."
+    assert picture.status == ("|xi| reaches 3, more than rho = 2 [v]: "
+                              "the theorem does not cover this.")
     assert not np.array_equal(before, picture.curves["sigma"].y) and picture.run.diverged_at is None
     assert "smcaero-good" in picture.mask._status.value
     picture.set(law__rho=4.0)
     assert picture.status == ""
 
 
-# ---- comparison --------------------------------------------------------------------------------------------------
+# ---- comparison ----------------------------------------------------------------------------------
 def test_comparison_of_up_to_four(picture):
     c = compare(picture)
     c.wait()
@@ -80,10 +83,11 @@ def test_comparison_of_up_to_four(picture):
     fifth = c._toggles["super-twisting"]
     fifth.value = True
     c.wait()
-    assert not fifth.value and "4 laws at most" in c.status and len(c.runs) == 4
+    assert not fifth.value and "At most 4 laws" in c.status and len(c.runs) == 4
     c.set("super-twisting", "sign")
     assert list(c.runs) == ["sign", "super-twisting"]
-    assert c.runs["super-twisting"].metrics().variation_u < 0.01*c.runs["sign"].metrics().variation_u
+    smooth, rough = (c.runs[law].metrics().variation_u for law in ("super-twisting", "sign"))
+    assert smooth < 0.01*rough
     with pytest.raises(ParameterError, match="one to 4 of sign, quasi"):
         c.set("twisting")
     with pytest.raises(ParameterError, match="one to 4"):
@@ -94,15 +98,17 @@ def test_comparison_takes_the_settings_of_the_mask(picture):
     c = compare(picture)
     c.wait()
     picture.set(law__rho=5.0, perturbation__xi_1=0.2)
-    assert "Refresh takes its settings" in c.status
+    assert "Refresh uses its settings" in c.status
     picture.mask.reset()
     assert c.status == ""  # all is again as it is drawn
     picture.set(law__rho=5.0, perturbation__xi_1=0.2)
     c._again.click()
     c.wait()
     assert c.status == ""
-    assert c.runs["sign"].loop.stages["law"].values["rho"] == 5.0 and c.runs["quasi"].loop.stages["law"].values["rho"] == 2.0
-    assert {r.loop.stages["perturbation"].values["xi_1"] for r in c.runs.values()} == {0.2}  # one world for all
+    assert c.runs["sign"].loop.stages["law"].values["rho"] == 5.0
+    assert c.runs["quasi"].loop.stages["law"].values["rho"] == 2.0
+    # one world for all
+    assert {r.loop.stages["perturbation"].values["xi_1"] for r in c.runs.values()} == {0.2}
 
 
 def test_comparison_of_loops_that_fail():
@@ -122,20 +128,25 @@ def test_comparison_of_loops_that_fail():
 def test_bad_sources():
     with pytest.raises(ParameterError, match="compare: {'a': 7} is not allowed"):
         compare({"a": 7})
-    for f, message in ((compare, "compare: 7 is not allowed; it must be a live plot or {name: loop}"),
-                       (certificate, "certificate: int is not allowed; it must be a live plot or a closed loop")):
+    for f, message in ((compare,
+                        "compare: source = 7 is not allowed; "
+                         "it must be a live plot or {name: loop}"),
+                       (certificate,
+                        "certificate: source = 7 is not allowed; "
+                         "it must be a live plot or a closed loop")):
         with pytest.raises(ParameterError, match=message):
             f(7)
 
 
-# ---- certificate -------------------------------------------------------------------------------------------------
+# ---- certificate ---------------------------------------------------------------------------------
 def test_certificate_is_of_the_loop_as_set(picture):
     c = certificate(picture)
     assert c.result is None and c.status == ""
     c._button.click()
     c.wait()
     assert c.result.order == 1 and c.status.startswith("sign: Sliding of order 1: |sigma| ~ tau^")
-    assert [t.name for t in c.figure.data if t.mode == "markers"] == [f"|σ|: slope {c.result.slopes[0]:.2f}"]
+    assert [t.name for t in c.figure.data
+            if t.mode == "markers"] == [f"|σ|: slope {c.result.slopes[0]:.2f}"]
     np.testing.assert_array_equal(c.figure.data[1].x, c.result.tau)
     picture.set(law__rho=3.0)
     assert c.status.endswith("The mask has changed since.")
@@ -157,7 +168,8 @@ def test_a_failed_measurement_leaves_none():
 def test_certificate_says_why_not():
     c = certificate(CHAINS["sign"].with_(law=None))
     c.measure()
-    assert c.result is None and c.status == "accuracy: the loop has no law, so there is no sliding to measure"
+    assert c.result is None
+    assert c.status == "accuracy: the loop has no law, so there is no sliding to measure"
 
 
 def test_certificate_is_cancelled(monkeypatch):

@@ -1,6 +1,6 @@
 """Texts of a user's blocks are shown as typed wherever they stand, and run nowhere."""
 
-import copy
+import dataclasses
 import functools
 import html
 import math
@@ -108,16 +108,16 @@ def hostile(text, limit=math.inf):
     def plant(x, u, d):
         return x[1], u + d
 
-    @block
-    def output(x) -> (about, Param(text, f"{text}/s")):
+    @block(output=(about, Param(text, f"{text}/s")))
+    def output(x):
         return x[0], x[1]
 
-    @block
-    def surface(e, c: Annotated[float, about] = 1.0) -> about:
+    @block(output=about)
+    def surface(e, c: Annotated[float, about] = 1.0):
         return e[1] + c*e[0]
 
-    @block
-    def law(sigma, rho: Annotated[float, about] = 2.0) -> about:
+    @block(output=about)
+    def law(sigma, rho: Annotated[float, about] = 2.0):
         return rho*((sigma > 0.0) - (sigma < 0.0))
 
     for b in (plant, output, surface, law):
@@ -133,9 +133,9 @@ def compiled(limit):
 
 def simulated(text, limit=math.inf):
     """A run of `hostile`, which is compiled but once."""
-    run = copy.copy(compiled(limit))
-    run.loop, run.x = hostile(text, limit), types.SimpleNamespace(**{text: run.x.x, "v": run.x.v})
-    return run
+    run = compiled(limit)
+    states = types.SimpleNamespace(**{text: run.x.x, "v": run.x.v})
+    return dataclasses.replace(run, loop=hostile(text, limit), x=states)
 
 
 def test_what_is_no_latex_of_a_symbol_is_shown_as_typed():

@@ -1,5 +1,6 @@
 """The engine: blocks, closed loops, simulation."""
 
+from . import vec
 from .accuracy import Accuracy, accuracy
 from .assumptions import exceeds
 from .block import Block, BlockError, Channels, block, channels
@@ -10,4 +11,4 @@ from .run import Run
 from .simulate import simulate
 
 __all__ = ["Accuracy", "Block", "BlockError", "Channels", "ClosedLoop", "Metrics", "Param", "ParameterError", "Run",
-           "accuracy", "block", "channels", "exceeds", "reaching_time", "simulate"]
+           "accuracy", "block", "channels", "exceeds", "reaching_time", "simulate", "vec"]

@@ -29,8 +29,8 @@ class Accuracy:
     names : tuple of str
         What was measured: ``"sigma"``, ``"sigma'"``, ..., with several inputs ``"sigma[0]"``, ...
     sizes : ndarray, (len(names), len(tau))
-        Greatest absolute value of each over the second half of the run; NaN where the run diverged, ended before it, had not
-        settled, or went below what float64 resolves.
+        Greatest absolute value of each over the second half of the run; NaN where the run diverged,
+        ended before it, had not settled, or went below what float64 resolves.
     slopes : tuple of float
         Slope of each over tau, both logarithmic; NaN with fewer than four good steps.
     order : int or None
@@ -68,8 +68,9 @@ class Accuracy:
 def accuracy(loop, duration=None, dt=None, tau=None, *, factors=FACTORS, method="euler", progress=None):
     r"""Measure the order of sliding of a loop: the slope of its accuracy over the sampling step.
 
-    A sliding mode of order p, sampled every tau, keeps :math:`|\sigma^{(i)}| \le m_i \tau^{p-i}`. The loop is run with several
-    steps, and the greatest :math:`|\sigma^{(i)}|` of the second half of each run is compared.
+    A sliding mode of order p, sampled every tau, keeps :math:`|\sigma^{(i)}| \le m_i \tau^{p-i}`.
+    The loop is run with several steps, and the greatest :math:`|\sigma^{(i)}|` of the second half
+    of each run is compared.
 
     Parameters
     ----------
@@ -91,17 +92,19 @@ def accuracy(loop, duration=None, dt=None, tau=None, *, factors=FACTORS, method=
     Raises
     ------
     ParameterError
-        Fewer than four different factors, or one that is not positive; a loop without a law; and what `simulate` raises.
+        Fewer than four different factors, or one that is not positive; a loop without a law; and
+        what `simulate` raises.
 
     Notes
     -----
-    The slopes are those of real numbers: at a high order, small steps reach the resolution of float64, and steps whose result is
-    below it are left out. An actuator that the law does not know, noise, or a boundary layer hide the order: the slope
-    is then near 0.
+    The slopes are those of real numbers: at a high order, small steps reach the
+    resolution of float64, and steps whose result is below it are left out. An actuator that the law
+    does not know, noise, or a boundary layer hide the order: the slope is then near 0.
 
     References
     ----------
-    A. Levant, Int. J. Control 58 (1993) 1247, for real sliding; Int. J. Control 76 (2003) 924, for the exponents.
+    A. Levant, Int. J. Control 58 (1993) 1247, for real sliding; Int. J.
+    Control 76 (2003) 924, for the exponents.
 
     Examples
     --------

@@ -67,8 +67,9 @@ def degree(b, sigma, v):
 def perturbation(law, t, sigma, v, integral_v, tau):
     r"""The perturbation as the law meets it, xi = sigma^(r) + v: its mean since the row before.
 
-    It holds all that the law does not know: the perturbation of the plant, what the model of it leaves out, and an
-    actuator's lag. Nested as v; None where v and sigma do not belong together, or the run is too short.
+    It holds all that the law does not know: the perturbation of the plant, what the model of it
+    leaves out, and an actuator's lag. Nested as v; None where v and sigma do not belong together,
+    or the run is too short.
     """
     if len(t) < 3:
         return None
@@ -101,13 +102,14 @@ def doubts(run):
     Returns
     -------
     list of str
-        Empty if all hold, if the law declares none (``@block(theorem=...)``), or if the run is too short to tell.
+        Empty if all hold, if the law declares none (``@block(theorem=...)``), or if the run is too
+        short to tell.
 
     Notes
     -----
-    The perturbation is `Run.xi`, found from the run itself, in its second half: on the way to sigma = 0 the plant itself
-    may perturb more. One that is large for a single row, as when a command jumps, does not count. Faster changes than the
-    recorded rows are averaged out.
+    The perturbation is `Run.xi`, found from the run itself, in its second half: on the
+    way to sigma = 0 the plant itself may perturb more. One that is large for a single row, as when
+    a command jumps, does not count. Faster changes than the recorded rows are averaged out.
     """
     law, allocation, said = run.loop.stages["law"], run.loop.stages["allocation"], []
     if getattr(allocation, "theorem", None):

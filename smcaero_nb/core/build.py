@@ -10,8 +10,9 @@ from typing import Any
 
 from .block import BlockError
 from .cache import compiled, kept, remembered
-from .program import Program, inputs, parts, written
+from .program import Program, parts
 from .signal import shape
+from .writer import inputs, written
 
 __all__ = ["built"]
 

@@ -21,7 +21,9 @@ import platformdirs
 
 __all__ = ["cache_folder", "compiled", "draws", "fingerprint", "kept", "remembered"]
 
-_ENGINE = hashlib.sha256(b"".join(f.read_bytes() for f in sorted(pathlib.Path(__file__).parent.glob("*.py")))).hexdigest()
+#: What is compiled beside a loop's own text and blocks, and how.
+_ENGINE = hashlib.sha256(b"".join(pathlib.Path(__file__).with_name(f"{name}.py").read_bytes()
+                                  for name in ("build", "cache", "signal", "vec"))).hexdigest()
 _LIBRARIES = {"math", "builtins", "numpy", "scipy", "numba"}
 _FORMAT = 2  # of the files on disk, and part of their folder's name: what an older version wrote is never loaded
 _FILES = 500  # compiled loops kept on disk; the oldest go first
@@ -102,7 +104,8 @@ def _content(v, seen, names=(), defaults=True):
 def fingerprint(f):
     """Hash of what `f` and all that it calls and reads say.
 
-    The defaults of `f` itself are run-time parameters and left out; those of its helpers are constants.
+    The defaults of `f` itself are run-time parameters and left out; those of its helpers are
+    constants.
     """
     return hashlib.sha256(_content(f, {}, defaults=False).encode()).hexdigest()
 
@@ -187,9 +190,10 @@ def remembered(store, key, most):
 def cache_folder():
     """Return the folder of compiled loops: the user's own, readable by nobody else.
 
-    It lies in the user's cache directory, or in the directory that ``SMCAERO_CACHE_DIR`` names, which itself
-    stays as it is. Compiled code is code: a folder that is a link, or that somebody else owns or may write to,
-    is refused with `PermissionError`; `OSError` says that there is no place for one.
+    It lies in the user's cache directory, or in the directory that ``SMCAERO_CACHE_DIR`` names,
+    which itself stays as it is. Compiled code is code: a folder that is a link, or that somebody
+    else owns or may write to, is refused with `PermissionError`; `OSError` says that there is no
+    place for one.
     """
     try:
         own = os.environ.get("SMCAERO_CACHE_DIR")

@@ -52,7 +52,8 @@ def _meta(metas: Any, path: tuple[int, ...]) -> Param:
     return metas or Param()
 
 
-def found(signal: str, shape: Any, metas: Any, many: bool, names: tuple[str, ...] = ()) -> tuple[Leaf, ...]:
+def found(signal: str, shape: Any, metas: Any, many: bool,
+          names: tuple[str, ...] = ()) -> tuple[Leaf, ...]:
     """Return the leaves of a signal.
 
     Nested items are channels, and the items of a channel are derivatives. In a flat signal they are

@@ -20,27 +20,31 @@ class ClosedLoop:
     ----------
     plant : Block
         ``x' = plant(t, x, u, d)``, integrated with `dt`.
-    reference, output, sensor, differentiator, surface, law, allocation, actuator, perturbation : Block, Channels or None
-        The stages of the pipeline; one left out is the identity (reference and perturbation: zero), free of cost.
-        Without `output`, y is the tuple of the plant's states, or, of a plant with one state, that number.
-        A parameter of `output` that the plant has too follows the plant. It may ask for u and d as they act on the plant when
-        y is measured: at a sample, u is still that of the sample before (zero before the first), so that no loop is algebraic;
-        so it is for the stages of the control, to which u is what acted since the sample before.
-        The control sees what `sensor` gives in place of y, and r less that in place of e.
-        A `reference` or `perturbation` with memory is evaluated at every sample and held in between.
+    reference, output, sensor, differentiator, surface, law, allocation, actuator, perturbation : Block
+        Or Channels, or None. The stages of the pipeline; one left out is the identity (reference and perturbation: zero),
+        free of cost. Without `output`, y is the tuple of the plant's states, or, of a plant with
+        one state, that number. A parameter of `output` that the plant has too follows the plant. It
+        may ask for u and d as they act on the plant when y is measured: at a sample, u is still
+        that of the sample before (zero before the first), so that no loop is algebraic; so it is
+        for the stages of the control, to which u is what acted since the sample before. The control
+        sees what `sensor` gives in place of y, and r less that in place of e. A `reference` or
+        `perturbation` with memory is evaluated at every sample and held in between.
     stop : Block or None
-        What is left until the run ends: it ends at the first step at which ``stop(t, x)`` is no longer positive.
+        What is left until the run ends: it ends at the first step at which ``stop(t, x)`` is no
+        longer positive.
     probe : Block, Channels or None
-        Signals derived for the record only, by the name of the block, or of each part of `channels`,
-        each of which sees all signals.
+        Signals derived for the record only, by the name of the block, or of each part of
+        `channels`, each of which sees all signals.
     duration, dt, tau : float, optional
         What `simulate` uses unless told otherwise [s].
     latency : float, optional
-        Time from a sample until the control that it gives acts, a multiple of dt; zero acts until the first does [s].
+        Time from a sample until the control that it gives acts, a multiple of dt; zero acts until
+        the first does [s].
     name : str
         For titles.
     verdict : callable, optional
-        ``verdict(run)`` says what became of a run: an object with its words as text, true if all went well. Masks show it.
+        ``verdict(run)`` says what became of a run: an object with its words as text, true if all
+        went well. Masks show it.
 
     Raises
     ------
@@ -51,7 +55,8 @@ class ClosedLoop:
 
     Notes
     -----
-    `smcaero_nb.core.stages` has the table of what a block may ask for in each stage; so has the README.
+    `smcaero_nb.core.stages` has the table of what a block may ask for in each stage; so
+    has the README.
     """
 
     def __init__(self, plant: Block, *, duration: float | None = None, dt: float | None = None, tau: float | None = None,
@@ -71,9 +76,9 @@ class ClosedLoop:
     def with_(self, **changes: Any) -> "ClosedLoop":
         """Return a copy with changes.
 
-        ``law=other_block`` replaces a stage, ``law__lam=2.0`` sets a parameter in it, ``plant__theta=0.1`` an initial
-        state, ``law__attitude__lam=2.0`` reaches into channels; `duration`, `dt`, `tau`, `latency`, `name`, `verdict` as in
-        `ClosedLoop`.
+        ``law=other_block`` replaces a stage, ``law__lam=2.0`` sets a parameter in it,
+        ``plant__theta=0.1`` an initial state, ``law__attitude__lam=2.0`` reaches into channels;
+        `duration`, `dt`, `tau`, `latency`, `name`, `verdict` as in `ClosedLoop`.
 
         Raises
         ------

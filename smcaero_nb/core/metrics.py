@@ -25,7 +25,8 @@ class Metrics:
     max_u : float
         Greatest \|u\|.
     tail_e, tail_sigma : float
-        Greatest \|e\|, \|sigma\| in the tail of the run (its last fifth, unless `simulate` was told otherwise).
+        Greatest \|e\|, \|sigma\| in the tail of the run (its last fifth, unless `simulate` was told
+        otherwise).
     reaching_time : float
         Time after which \|sigma\| stays below twice its tail value [s].
     variation_u : float
@@ -72,8 +73,8 @@ def reaching_time(run, band=None):
     Returns
     -------
     list of float
-        [s], resolved to one recorded row; infinite if \|sigma\| is outside at the end, or the run diverged; NaN without a band
-        where the run ended before its tail.
+        [s], resolved to one recorded row; infinite if \|sigma\| is outside at the end, or the run
+        diverged; NaN without a band where the run ended before its tail.
 
     Raises
     ------

@@ -33,18 +33,22 @@ class Run:
     t : ndarray
         Times of the rows [s].
     r, y, y_m, e, e_hat, sigma, v, u, d : ndarray or nested tuple of ndarray
-        Signals of the pipeline; the sampled ones as held at that time. At a sample, y and e are as measured: an output that
-        asks for u saw the u of the sample before, not the one that the row gives, which acts from then on. `e` is r - y; `y_m`
-        is what the control sees as y, `u` the control that acts.
+        Signals of the pipeline; the sampled ones as held at that time. At a sample, y and e are as
+        measured: an output that asks for u saw the u of the sample before, not the one that the row
+        gives, which acts from then on. `e` is r - y; `y_m` is what the control sees as y, `u` the
+        control that acts.
     x, z : namespace
-        Named states: ``run.x.theta``, ``run.z.law.lam``, ``run.z.law.attitude.rho``; `z` as the latest sample left it.
+        Named states: ``run.x.theta``, ``run.z.law.lam``, ``run.z.law.attitude.rho``; `z` as the
+        latest sample left it.
     probe : namespace
         What the loop's `probe` gives, by name.
     low, high : namespace
-        Least and greatest value of `sigma` and `u` since the row before: what chattering reaches between rows.
+        Least and greatest value of `sigma` and `u` since the row before: what chattering reaches
+        between rows.
     xi : ndarray, nested tuple of ndarray, or None
-        The perturbation as the law meets it, sigma^(r) + v, averaged since the row before: all that the law does not know.
-        Nested as `v`; None where there is no law, or its v does not belong to sigma.
+        The perturbation as the law meets it, sigma^(r) + v, averaged since the row before: all that
+        the law does not know. Nested as `v`; None where there is no law, or its v does not belong
+        to sigma.
     integral_v : ndarray, nested tuple of ndarray, or None
         Running integral of `v` up to the latest sample.
     mean_e, mean_v, mean_u : float or nested tuple
@@ -52,8 +56,9 @@ class Run:
     max_e, max_sigma, max_u : float or nested tuple
         Greatest absolute values over all steps.
     tail_e, tail_sigma, tail_u : float or tuple
-        Greatest absolute values over the tail (the last fifth unless told; NaN if the run ended before it), without those of
-        derivatives: a number, or one for each channel, as in `metrics`.
+        Greatest absolute values over the tail (the last fifth unless told; NaN if the run ended
+        before it), without those of derivatives: a number, or one for each channel, as in
+        `metrics`.
     tail_peaks : namespace
         The same of all leaves of `e`, `sigma` and `u`, nested as the signals are.
     variation_u, tail_variation_u : float or nested tuple
@@ -65,9 +70,11 @@ class Run:
     ended : str
         ``"done"``, ``"stopped"`` or ``"diverged"``.
     stopped_at : float or None
-        Time at which the loop's `stop` ended the run before its duration was over [s]; the tail is still that of the duration.
+        Time at which the loop's `stop` ended the run before its duration was over [s]; the tail is
+        still that of the duration.
     diverged_at : float or None
-        Time at which a state or signal was not finite, or a state or output left the limits that its metadata declare [s].
+        Time at which a state or signal was not finite, or a state or output left the limits that
+        its metadata declare [s].
     steps : int
         Steps done.
     tau : float

@@ -14,7 +14,8 @@ try:
 except ImportError:  # simulate(..., jit=False) needs no numba
     TUPLES, overload = (tuple,), None
 
-__all__ = ["filtered", "first", "flat", "leaves", "norm", "scaled", "shape", "sign", "solved", "text"]
+__all__ = ["filtered", "first", "flat", "leaves", "norm", "scaled", "shape", "sign", "solution",
+           "solved", "text"]
 
 
 def sign(s):
@@ -82,7 +83,8 @@ def _filtered(z, s, share):
     return "return " + text(s, (f"z{q} + share*(s{q} - z{q})" for q in leaves(s)))
 
 
-def _solved(G, s):
+def solution(G, s):
+    """The body of a function that gives G^-1 s, by elimination with row exchanges."""
     m = len(s) if s else 1
     if s not in (None, (None,)*m) or not (G == ((None,)*m,)*m or m == 1 and G is None):
         raise ValueError(f"G0 must be {m} rows of {m} numbers each, one row a component of v")
@@ -108,4 +110,4 @@ scaled = generated("s, k, size", _scaled)
 #: One step of a low-pass filter: z + share (s - z), leaf by leaf.
 filtered = generated("z, s, share", _filtered)
 #: G^-1 s by elimination with row exchanges; NaN where G, a tuple of rows, is singular.
-solved = generated("G, s", _solved)
+solved = generated("G, s", solution)

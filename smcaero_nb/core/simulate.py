@@ -39,18 +39,20 @@ def simulate(loop: ClosedLoop, duration: float | None = None, dt: float | None =
     ----------
     loop : ClosedLoop
     duration, dt, tau : float
-        Simulated time (to the nearest step), integration step, sampling step (a multiple of `dt`; default `dt`) [s];
-        what the loop itself says, where not given.
+        Simulated time (to the nearest step), integration step, sampling step (a multiple of `dt`;
+        default `dt`) [s]; what the loop itself says, where not given.
     method : str
         ``"euler"``, ``"midpoint"`` or ``"rk4"``.
     record : int
-        About how many rows are kept, at least 1; sums, maxima and variations use every step all the same.
+        About how many rows are kept, at least 1; sums, maxima and variations use every step all the
+        same.
     tail : float
         Fraction of the run, at its end, over which the tail figures are taken.
     jit : bool
         False runs the same loop as plain Python: slow, for breakpoints in blocks.
     progress : callable, optional
-        Called with the fraction done (0 to 1) at least every 50 ms of machine time or so; what it raises ends the run.
+        Called with the fraction done (0 to 1) at least every 50 ms of machine time or so; what it
+        raises ends the run.
 
     Returns
     -------
@@ -67,7 +69,8 @@ def simulate(loop: ClosedLoop, duration: float | None = None, dt: float | None =
 
     Notes
     -----
-    Ctrl-C acts between two chunks of steps, about every 20 ms. The result does not depend on the chunks.
+    Ctrl-C acts between two chunks of steps, about every 20 ms. The result does not
+    depend on the chunks.
     """
     duration, dt, tau = timed("simulate", loop, duration, dt, tau)
     if duration is None:

@@ -67,6 +67,7 @@ def table() -> str:
     for name, s in STAGES.items():
         asks = ", ".join(f"`{q}`" for q in s.asks)
         own = "; with memory also `z`, `tau`, `k`, `salt`" if s.memory and name != "plant" else ""
-        held = "; with memory every `tau`" if s.memory and s.when == "dt" and name != "plant" else ""
+        remembers = s.memory and s.when == "dt" and name != "plant"
+        held = "; with memory every `tau`"*remembers
         lines.append(f"| {name} | {asks}{own} | `{s.gives}` | {when[s.when]}{held} |")
     return "\n".join(lines)

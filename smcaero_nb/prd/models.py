@@ -7,8 +7,8 @@ import numpy as np
 
 from ..core import Block, BlockError, ClosedLoop, ParameterError, block, simulate
 from ..core.param import given
-from ..core.program import inputs
 from ..core.signal import flat
+from ..core.writer import inputs
 from ..interop import matrices
 from ..records import numbers
 from .records import Record

@@ -7,5 +7,5 @@ from .live import Live, live
 from .mask import Mask, mask
 from .studies import Certificate, Compare, certificate, compare
 
-__all__ = ["Certificate", "Compare", "Flight", "Live", "Mask", "certificate", "compare", "flight", "live", "mask", "plot",
-           "transfer_function", "upload"]
+__all__ = ["Certificate", "Compare", "Flight", "Live", "Mask", "certificate", "compare", "flight",
+           "live", "mask", "plot", "transfer_function", "upload"]

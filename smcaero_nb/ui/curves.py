@@ -1,21 +1,22 @@
-"""Pictures of runs: which curves, in which panels, drawn how."""
+"""Figures of runs: which curves are drawn, in which panels, and how."""
 
 import math
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from itertools import zip_longest
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import plotly.graph_objects as go
 
-from ..core import Param
+from ..core import Param, Run
 from ..core.assumptions import degree, laws
 from ..core.signal import flat
 from .text import UNKNOWN, measure, plain, said_html, shown, symbol, unit_html
 
 __all__ = ["Curve", "comparison_html", "draw", "metrics_html", "panels", "structure", "verdict_html"]
 
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")  # Okabe and Ito: told apart by everybody
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")  # of Okabe and Ito, for everybody
 SYMBOLS = ("circle", "square", "diamond", "triangle-up", "cross")
 DASHES = ("solid", "dash", "dashdot")
 NAMED = {"sigma": r"\sigma", "dy": r"\dot y", "xi": r"\xi", "phase": r"\dot\sigma"}
@@ -23,15 +24,17 @@ LAW = "states of the law"
 PHASE = "phase portrait"  # the row whose abscissa is sigma, not time
 ROW, TALL, GAP, TOP, BOTTOM = 112, 260, 28, 30, 44  # px; the phase portrait is a tall row
 APART = 0.16  # of the width, between columns
-LAYOUT = dict(autosize=True, margin=dict(l=72, r=14, t=TOP, b=BOTTOM), template="plotly_white", font=dict(size=12, color="#222"),
-              hovermode="x", hoversubplots="axis", hoverlabel_namelength=-1, uirevision="kept")
+LAYOUT: dict[str, Any] = dict(
+    autosize=True, margin=dict(l=72, r=14, t=TOP, b=BOTTOM), template="plotly_white",
+    font=dict(size=12, color="#222"), hovermode="x", hoversubplots="axis", hoverlabel_namelength=-1,
+    uirevision="kept")
 X_AXIS = dict(visible=True, showspikes=True, spikethickness=1, spikecolor="#999")
 Y_AXIS = dict(visible=True, nticks=5, exponentformat="e", zerolinecolor="#ccc", title_standoff=6)
 LEGEND = dict(orientation="h", xanchor="right", yanchor="bottom", font_size=11, bgcolor="rgba(0,0,0,0)")
 
 
 class Curve(NamedTuple):
-    """A curve: its name in `Live.curves`, its panel (row, column), metadata, and data as drawn."""
+    """A curve: its name in `Live.curves`, panel (row, column), metadata, and data as drawn."""
 
     key: str
     row: str
@@ -44,24 +47,24 @@ class Curve(NamedTuple):
     held: bool = False  # from point to point
 
     @property
-    def label(self):
-        """Symbol."""
+    def label(self) -> str:
+        """Its symbol."""
         meta = _named(self.meta, self.key.partition("[")[0])
-        return symbol(meta.symbol).removesuffix("(0)")  # of a law's state: not at the start
+        return symbol(meta.symbol).removesuffix("(0)")  # not the start of a law's state
 
     @property
-    def unit(self):
-        """Unit as shown."""
+    def unit(self) -> str:
+        """Its unit, as shown."""
         return unit_html(shown(self.meta)[1])
 
     @property
-    def abscissa(self):
+    def abscissa(self) -> str:
         """Title of the axis below."""
         return symbol(self.across.symbol) + unit_html(shown(self.across)[1])
 
 
 def _named(meta, name):
-    """Metadata with a symbol: that of the name if it has none."""
+    """Metadata with a symbol, by default that of the name."""
     return replace(meta, symbol=meta.symbol or NAMED.get(name, name))
 
 
@@ -75,7 +78,7 @@ def _channels(signal, meta, many):
 
 
 def _extremes(t, y, low, high):
-    """A curve through the rows that goes by what lies between them: two points more a row, where chattering shows."""
+    """A curve through the rows with two more points for each, where chattering between rows shows."""
     a, b, low, high = y[:-1], y[1:], low[1:], high[1:]
     dips, peaks = low < np.minimum(a, b), high > np.maximum(a, b)
     first = np.where(peaks & ~(dips & (a < b)), high, np.where(dips, low, a + (b - a)/3))
@@ -86,7 +89,7 @@ def _extremes(t, y, low, high):
 
 
 def _single(values):
-    """As drawn; what is too large is infinite."""
+    """Values as drawn; those that are too large become infinite."""
     with np.errstate(over="ignore"):
         return values.astype(np.float32)
 
@@ -98,18 +101,19 @@ def _corners(t, y):
     return t[keep], y[keep]
 
 
-def panels(run, states=(), phase=False):
-    """The curves of a run: output against reference, rate, control and states, sliding variable, states of the law.
+def panels(run: Run, states: Iterable[str] = (), phase: bool = False) -> list[Curve]:
+    """Return the curves of a run.
 
-    An output that neither has metadata nor a reference to follow is not drawn: it is there to make the error. Where nothing
-    lies between law and plant, the perturbation that the law meets is drawn with the control; an observer's
-    estimate of it has its own panel.
+    These are output against reference, rate, control and states, sliding variable, states of the
+    law. An output that has neither metadata nor a reference to follow is not drawn: it only makes
+    the error. Where nothing lies between law and plant, the perturbation that the law meets is
+    drawn with the control; an observer's estimate of it has a panel of its own.
 
     Parameters
     ----------
     run : Run
     states : sequence of str
-        Plant states to draw: with the control if they have its unit, else in a panel of their own.
+        Plant states to draw, with the control if they have its unit, else in their own panel.
     phase : bool
         With the phase portrait, sigma' over sigma.
 
@@ -126,7 +130,7 @@ def panels(run, states=(), phase=False):
     outputs = _channels(run.y, about["y"], many)
     followed = about["y"] or stages["reference"] or not stages["law"]
 
-    samples = len(t) > 1 and np.diff(t).max() < 1.001*run.tau  # every one is a row: nothing lies between rows
+    samples = len(t) > 1 and np.diff(t).max() < 1.001*run.tau  # each is a row: nothing lies between rows
 
     def add(key, row, column, meta, y, *between, reference=False, number=None, held=False):
         ts, ys = _corners(t, y) if samples else _extremes(t, y, *between) if between and len(t) > 1 else (t, y)
@@ -187,22 +191,22 @@ def _portraits(run):
 
 
 def _smooth(xi):
-    """Without single peaks: a command that jumps takes sigma along, which is no motion of the plant."""
+    """Remove single-row spikes: a step in the command makes sigma jump, but the plant has not moved."""
     return np.median([np.append(xi[:1], xi[:-1]), xi, np.append(xi[1:], xi[-1:])], axis=0)
 
 
-def structure(curves):
-    """What a figure must be built anew for, if it differs."""
+def structure(curves: Iterable[Curve]) -> list[tuple]:
+    """Return what a figure of the curves depends on besides their numbers."""
     return [(c.key, c.row, c.column, c.label, c.unit, c.held) for c in curves]
 
 
-def draw(runs):
-    """Traces and layout of a figure.
+def draw(runs: Mapping[str, list[Curve]]) -> tuple[list, dict]:
+    """Return traces and layout of a figure.
 
     Parameters
     ----------
     runs : dict of str to list of Curve
-        What `panels` gave, by the name of the run.
+        The result of `panels`, by name of the run.
 
     Returns
     -------
@@ -238,7 +242,7 @@ def draw(runs):
 
 
 def _traces(curves, place, several, first):
-    """Traces of one panel: of one run, told apart by dashes and colours, or of several, each in its colour."""
+    """Traces of one panel: curves of one run differ in dashes and colours, runs in colours."""
     traces, told, ranks = [], set(), {}
     mixed = len({c.unit for *_, c in curves if not c.reference}) > 1
     for run, name, c in curves:
@@ -284,16 +288,16 @@ def _measure(values, metas, scale=shown):
     return ", ".join(measure(v, *s) for v, s in zip(values, scales, strict=True))
 
 
-def verdict_html(run):
-    """What the loop's verdict says of a run, as HTML; nothing if it has none."""
+def verdict_html(run: Run) -> str:
+    """Return the verdict of the loop on a run as HTML; nothing if it has none."""
     if run.loop.verdict is None:
         return ""
     said = run.loop.verdict(run)
     return f'<div class="smcaero-verdict">{said_html(str(said), not said)}</div>'
 
 
-def metrics_html(run):
-    """The figures of merit of a run, as one line of HTML."""
+def metrics_html(run: Run) -> str:
+    """Return the figures of merit of a run, as one line of HTML."""
     m, (e, u, sigma) = run.metrics(), (_metas(run, s) for s in ("e", "u", "sigma"))
     said = {"J<sub>e</sub>": _measure(m.J_e, e, _plain), "J<sub>u</sub>": _measure(m.J_u, u, _plain),  # as papers give them
             "max |u|": _measure(m.max_u, u), "tail |e|": _measure(m.tail_e, e)}
@@ -307,8 +311,8 @@ def metrics_html(run):
     return f'<div class="smcaero-metrics">{spans}</div>'
 
 
-def comparison_html(runs):
-    """Figures of merit of several runs, as a table in HTML."""
+def comparison_html(runs: Mapping[str, Run]) -> str:
+    """Return the figures of merit of several runs, as a table in HTML."""
     judged = any(run.loop.verdict for run in runs.values())
     head = ("reaching time", "tail |σ|", "mean |v|", "variation of u", "reversals of u", *["verdict"]*judged)
     rows = ""

@@ -1,28 +1,34 @@
-"""Work in a thread of its own, the newest request first; its progress bar, and a button that cancels it."""
+"""Work in a thread of its own, newest request first, with a progress bar and a Cancel button."""
 
 import math
 import threading
 import time
+from collections.abc import Callable
+from typing import Any
 
 import ipywidgets as W
 
-__all__ = ["RAISED", "Dropped", "Job", "Newest", "interrupted"]
+__all__ = ["RAISED", "Cancelled", "Job", "Newest", "Overtaken", "interrupted"]
 
-RAISED = (Exception, SystemExit, GeneratorExit)  # what a block may raise and a mask says
-
-
-class Dropped(Exception):
-    """A job that was cancelled, or overtaken by a newer one."""
+RAISED = (Exception, SystemExit, GeneratorExit)  # what a block may raise and a mask reports
 
 
-def interrupted(error):
-    """Whether it is Ctrl-C, which comes in the main thread only; elsewhere a block raised it."""
+class Cancelled(Exception):
+    """Ends a job that was cancelled."""
+
+
+class Overtaken(Exception):
+    """Ends a job that was overtaken by a newer one."""
+
+
+def interrupted(error: BaseException) -> bool:
+    """Return whether a person pressed Ctrl-C; outside the main thread a block raised it."""
     main = threading.current_thread() is threading.main_thread()
     return isinstance(error, KeyboardInterrupt) and main
 
 
 class _Idle:
-    """Whether a worker has nothing left to do: no Event, which Ctrl-C may leave locked."""
+    """Whether a worker has nothing left to do; not an Event, which Ctrl-C may leave locked."""
 
     def __init__(self, worker):
         self.worker = worker
@@ -44,62 +50,69 @@ class _Idle:
 
 
 class Newest:
-    """Does the newest of the jobs it is given, in a thread of its own; older ones are dropped.
+    """Do the newest of the jobs given, in a thread of its own; older ones are dropped.
 
-    Where no thread can start, it does them in the calling one. Each change of state is one
-    assignment, so that Ctrl-C leaves no job half asked for.
+    Where no thread can start, jobs are done in the calling one. Each change of state is one
+    assignment, so that Ctrl-C leaves no job half requested.
 
     Parameters
     ----------
     do : callable
-        ``do(job, progress)`` does one; it calls ``progress(fraction)`` often, which raises Dropped
-        where it is to end, and ``progress()`` first, for one that was cancelled before it began.
+        ``do(job, progress)`` does one job. It calls ``progress()`` first, in case the job was
+        cancelled before it began, and ``progress(fraction)`` often; when the job has to end, these
+        raise `Cancelled` or `Overtaken`.
     rest : callable
         Called when there is nothing more to do.
 
     Attributes
     ----------
     asked, done, cancelled : tuple or None
-        The newest job asked for, the last one done, and the one up to which all are cancelled, each
+        The newest job requested, the last one done, and the one up to which all are cancelled, each
         in a tuple of its own.
     fraction : float or None
-        Of the job at work.
+        How much of the current job is done.
     """
 
-    NEARLY = 0.2  # s: an overtaken job that will be done within this is not dropped, so that a drag keeps drawing
+    # s: an overtaken job that needs less than this is finished, so that a drag keeps drawing
+    NEARLY = 0.2
 
-    def __init__(self, do, rest):
-        self.do, self.rest, self.working, self.idle = do, rest, threading.Lock(), _Idle(self)
-        self.asked = self.done = self.cancelled = self.fraction = self._taken = self._thread = None
+    def __init__(self, do: Callable[[Any, Callable], object], rest: Callable[[], object]):
+        self.do, self.rest = do, rest
+        self.working, self.idle = threading.Lock(), _Idle(self)
+        self.asked: tuple | None = None
+        self.done: tuple | None = None
+        self.cancelled: tuple | None = None
+        self.fraction: float | None = None
+        self._taken = self._thread = None
 
     @property
-    def pending(self):
+    def pending(self) -> bool:
         """Whether a job is not done yet."""
         return self.asked is not self.done
 
     @property
-    def job(self):
+    def job(self) -> Any:
         """The job that waits for another one to end, or None."""
-        waits = self.pending and self.asked is not self._taken
-        return self.asked[0] if waits else None
+        asked, waits = self.asked, self.pending and self.asked is not self._taken
+        return asked[0] if asked and waits else None
 
     @property
-    def here(self):
-        """Whether this is called by the job at work."""
+    def here(self) -> bool:
+        """Whether the caller is the current job."""
         return self.working.locked() and self._thread == threading.get_ident()
 
-    def ask(self, job):
-        """Do `job` as soon as possible, instead of all asked for before."""
+    def ask(self, job: Any) -> None:
+        """Do `job` as soon as possible, instead of all jobs requested before."""
         self.asked = (job,)
         self.start()
 
-    def cancel(self):
-        """Drop the job at work, and the one waiting."""
+    def cancel(self) -> None:
+        """Drop the current job and the one waiting."""
         self.cancelled = self.asked
 
-    def start(self):
-        """Have what is asked for done, if nobody is at it."""
-        if not self.pending or self.working.locked():  # who is at it looks again when done
+    def start(self) -> None:
+        """Start the work that is requested, unless it is under way."""
+        if not self.pending or self.working.locked():  # the thread at work looks again when done
             return
         try:
             threading.Thread(target=self._work, daemon=True).start()
@@ -107,17 +120,17 @@ class Newest:
             self._work_here()
 
     def _work_here(self):
-        """Do it in this thread, where Ctrl-C may come at any moment."""
+        """Work in this thread, where Ctrl-C may come at any moment."""
         try:
             self._work()
         except KeyboardInterrupt:
             self.cancel()
-            self._work()  # which says so
+            self._work()  # which reports it
             raise
 
     def _work(self):
         while self.pending:
-            with self.working:  # held by who works, and let go however that ends
+            with self.working:  # released however the work ends
                 self._thread = threading.get_ident()
                 while self.pending:
                     self._one(self.asked)
@@ -131,31 +144,33 @@ class Newest:
 
         def progress(fraction=None):
             if self.cancelled is self.asked:
-                raise Dropped("cancelled")
+                raise Cancelled
             if fraction is not None:
                 self.fraction = fraction
                 left = (time.perf_counter() - began)*(1/max(fraction, 1e-9) - 1)
                 if self.asked is not asked and left > self.NEARLY:
-                    raise Dropped("overtaken")
+                    raise Overtaken
 
         try:
             self.do(asked[0], progress)
-        except Exception:  # not to be tried for ever
+        except Exception:  # not to be tried again and again
             self.done = asked
             raise
         self.done = asked
 
 
 class Job(W.HBox):
-    """Progress bar and Cancel of what is done for a widget; a newer request takes the place of the one at work.
+    """Run a widget's work in a thread, with a progress bar and a Cancel button.
+
+    A newer request replaces the running one.
 
     Parameters
     ----------
     do : callable
-        ``do(asked, progress)``; it calls ``progress(fraction)`` often, which raises `Dropped` where it is to end.
+        ``do(asked, progress)``, as in `Newest`.
     """
 
-    def __init__(self, do):
+    def __init__(self, do: Callable[[Any, Callable], object]):
         self.bar = W.FloatProgress(max=1.0, layout=W.Layout(width="auto", flex="1 1 auto"))
         self.stop = W.Button(description="Cancel", icon="stop", tooltip="Stop this run")
         self.stop.on_click(lambda _: self.cancel())
@@ -164,12 +179,15 @@ class Job(W.HBox):
         self._do, self.worker = do, Newest(self._work, self._hide)
 
     @property
-    def here(self):
-        """Whether this is called by what is at work, which does not wait for itself."""
+    def here(self) -> bool:
+        """Whether the caller is the work itself, which does not wait for itself."""
         return self.worker.here
 
-    def ask(self, asked, patience):
-        """Do it; return whether it was done within `patience` [s]. If not, it goes on by itself, with a bar; Ctrl-C ends it."""
+    def ask(self, asked: Any, patience: float) -> bool:
+        """Do it; return whether it was done within `patience` [s].
+
+        If not, it goes on by itself, with a bar. Ctrl-C ends it.
+        """
         self.worker.ask(asked)
         if self._waited(patience):
             return True
@@ -178,7 +196,7 @@ class Job(W.HBox):
             self._hide()
         return self.worker.idle.is_set()
 
-    def wait(self):
+    def wait(self) -> None:
         """Wait until nothing is left to do; Ctrl-C cancels it."""
         self._waited(math.inf)
 
@@ -189,8 +207,8 @@ class Job(W.HBox):
             self.cancel()
             raise
 
-    def cancel(self):
-        """Stop what is at work."""
+    def cancel(self) -> None:
+        """Stop the current work."""
         self.worker.cancel()
 
     def _hide(self):

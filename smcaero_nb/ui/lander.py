@@ -1,13 +1,15 @@
-"""A lander in flight: a side view of a run, moment by moment, its thrusters firing as they did."""
+"""A lander in flight: a side view of a run, moment by moment, with its thrusters firing."""
 
 import math
 import threading
+from typing import Any
 
 import ipywidgets as W
 import numpy as np
 import plotly.graph_objects as go
 
-from ..core import ParameterError, Run
+from ..core import ClosedLoop, ParameterError, Run
+from ..core.param import refused
 from .curves import BOTTOM, COLOURS, LAYOUT, LEGEND, TOP, X_AXIS, Y_AXIS
 from .live import Live
 from .mask import Page
@@ -15,69 +17,91 @@ from .picture import Picture
 
 __all__ = ["Flight", "flight"]
 
-GAP = (math.nan, math.nan)  # between two parts of a shape; points are (across, along) the axis of the lander [m]
+# Shapes are points (across, along) the axis of the lander [m], with gaps between their parts.
+GAP = (math.nan, math.nan)
 BODY = ((-1.3, -0.9), (1.3, -0.9), (1.6, 0.2), (0.9, 1.5), (-0.9, 1.5), (-1.6, 0.2), (-1.3, -0.9))
-LEGS = ((-1.3, -0.9), (-2.4, -2.4), GAP, (-2.8, -2.4), (-2.0, -2.4), GAP, (1.3, -0.9), (2.4, -2.4), GAP, (2.0, -2.4), (2.8, -2.4))
-NOZZLES = ((1.6, 0.2), (2.8, 0.2), GAP, (2.8, -0.1), (2.8, 0.5), GAP, (-0.6, -0.9), (-0.6, -1.3), GAP, (0.6, -0.9), (0.6, -1.3))
-FEET, SIGHT = 2.4, 6.5  # m: below the centre of mass, and what is seen about it
-ATTITUDE, DESCENT = (0.7, 15.0), (2.0, 1400.0)  # of a flame: half its length [m], at this thrust [N]
+LEGS = ((-1.3, -0.9), (-2.4, -2.4), GAP, (-2.8, -2.4), (-2.0, -2.4), GAP,
+        (1.3, -0.9), (2.4, -2.4), GAP, (2.0, -2.4), (2.8, -2.4))
+NOZZLES = ((1.6, 0.2), (2.8, 0.2), GAP, (2.8, -0.1), (2.8, 0.5), GAP,
+           (-0.6, -0.9), (-0.6, -1.3), GAP, (0.6, -0.9), (0.6, -1.3))
+FEET, SIGHT = 2.4, 6.5  # m: below the centre of mass; what is seen around it
+# of a flame: half its length [m], at this thrust [N]
+ATTITUDE, DESCENT = (0.7, 15.0), (2.0, 1400.0)
 SPAN = 10.0  # s of pulses shown before and after the moment
-STEP, FRAME = 0.05, 100  # s a step of the slider, ms between two pictures of the film at least
+STEP, FRAME = 0.05, 100  # s a step of the slider; ms between two pictures of the film, at least
 SPEEDS = {"0.1 s a picture": 2, "0.5 s a picture": 10, "2 s a picture": 40}  # steps of the slider
 POINTS = 300  # of the curves over the whole flight
 SKY, SOIL, METAL, FIRE, NOW = "#10141c", "#8a8a86", "#dddddd", "#E69F00", "#D55E00"
+STATES = {"theta", "altitude", "velocity"}  # what a lander has
 
 
-def row(run, t):
-    """The row of a run at time t."""
+def row(run: Run, t: float) -> int:
+    """Return the row of a run at time t."""
     return max(int(np.searchsorted(run.t, t + 1e-9)) - 1, 0)
 
 
-def flame(across, along, thrust, scale):
-    """A flame from a nozzle, against the thrust; its length grows with it."""
+def flame(across: float, along: float, thrust: float, scale: tuple[float, float]) -> tuple:
+    """Return a flame from a nozzle, against the thrust; its length grows with the thrust."""
     length = math.copysign(scale[0]*(1.0 + abs(thrust)/scale[1]), thrust) if thrust else 0.0
     return (across - 0.25, along), (across, along - length), (across + 0.25, along), GAP
 
 
-def scene(run, t):
-    """Abscissas and ordinates of all that is drawn at time t, in the order of `LOOKS`."""
-    k, p = row(run, t), run.loop.stages["plant"].values
-    height, s, c = run.x.altitude[k], math.sin(run.x.theta[k]), math.cos(run.x.theta[k])
-    u_a, u_d = p.get("effectiveness", 1.0)*run.u[0][k] + p.get("stuck", 0.0), 0.5*run.u[1][k]
-    fire = (*flame(-0.6, -1.3, p.get("left", 6)/6*u_d, DESCENT), *flame(0.6, -1.3, p.get("right", 6)/6*u_d, DESCENT),
+def scene(run: Run, t: float) -> list[tuple]:
+    """Return abscissas and ordinates of all that is drawn at time t, in the order of `LOOKS`."""
+    k, p, x = row(run, t), run.loop.stages["plant"].values, run.x
+    height, s, c = x.altitude[k], math.sin(x.theta[k]), math.cos(x.theta[k])
+    u_a = p.get("effectiveness", 1.0)*run.u[0][k] + p.get("stuck", 0.0)
+    u_d = 0.5*run.u[1][k]
+    fire = (*flame(-0.6, -1.3, p.get("left", 6)/6*u_d, DESCENT),
+            *flame(0.6, -1.3, p.get("right", 6)/6*u_d, DESCENT),
             *flame(2.8, -0.1 if u_a > 0.0 else 0.5, u_a, ATTITUDE))
-    lander = [(s*a + c*b, s*b - c*a) for a, b in (np.array(q).T for q in (fire, (*LEGS, GAP, *NOZZLES), BODY))]
-    ground, near, some = max(-FEET - height, -2*SIGHT), abs(run.t - t) < 2*SPAN, np.s_[::max(len(run.t)//POINTS, 1)]
-    x = run.x.altitude[some]
+    shapes = (np.array(q).T for q in (fire, (*LEGS, GAP, *NOZZLES), BODY))
+    lander = [(s*a + c*b, s*b - c*a) for a, b in shapes]
+    ground, near = max(-FEET - height, -2*SIGHT), abs(run.t - t) < 2*SPAN
+    some = np.s_[::max(len(run.t)//POINTS, 1)]
+    way = x.altitude[some]
     return [((-20.0, 20.0, 20.0, -20.0), (ground, ground, -20.0, -20.0)), *lander,
-            (run.t[some], run.r[1][0][some]), (run.t[some], x), ((run.t[k],)*2, (min(x.min(), 0.0), x.max())),
-            *(q for u in run.u for q in ((run.t[near] - t, u[near]), ((0.0, 0.0), (u.min(), u.max()))))]
+            (run.t[some], run.r[1][0][some]), (run.t[some], way),
+            ((run.t[k],)*2, (min(way.min(), 0.0), way.max())),
+            *(q for u in run.u
+              for q in ((run.t[near] - t, u[near]), ((0.0, 0.0), (u.min(), u.max()))))]
 
 
 def _look(axes, colour, width=1.5, filled=False, **more):
-    return dict(mode="lines", showlegend=False, hoverinfo="skip", xaxis=axes[0], yaxis=axes[1], fill="toself" if filled else None,
-                fillcolor=colour if filled else None, line=dict(color=colour, width=width, **more))
+    return dict(mode="lines", showlegend=False, hoverinfo="skip", xaxis=axes[0], yaxis=axes[1],
+                fill="toself" if filled else None, fillcolor=colour if filled else None,
+                line=dict(color=colour, width=width, **more))
 
 
 WAY, VIEW = ("x", "y"), ("x2", "y2")
-LOOKS = [_look(VIEW, SOIL, 0, True), _look(VIEW, FIRE, 0, True), _look(VIEW, METAL, 2), _look(VIEW, METAL, 1, True),
-         _look(WAY, "#444", dash="dot") | dict(name="reference", showlegend=True), _look(WAY, COLOURS[0]), _look(WAY, NOW, 2),
-         *(q for i in (3, 4) for q in (_look(("x3", f"y{i}"), COLOURS[0], shape="hv"), _look(("x3", f"y{i}"), NOW, 1)))]
+LOOKS = [_look(VIEW, SOIL, 0, True), _look(VIEW, FIRE, 0, True), _look(VIEW, METAL, 2),
+         _look(VIEW, METAL, 1, True),
+         _look(WAY, "#444", dash="dot") | dict(name="reference", showlegend=True),
+         _look(WAY, COLOURS[0]), _look(WAY, NOW, 2),
+         *(q for i in (3, 4) for q in (_look(("x3", f"y{i}"), COLOURS[0], shape="hv"),
+                                       _look(("x3", f"y{i}"), NOW, 1)))]
 
 
-def drawing(run, t):
-    """Traces and layout of a `scene`."""
+def drawing(run: Run, t: float) -> tuple[list, dict[str, Any]]:
+    """Return traces and layout of a `scene`."""
     side = dict(range=(-SIGHT, SIGHT), constrain="domain", visible=False, fixedrange=True)
-    right = dict(X_AXIS, domain=(0.55, 1.0))
-    axes = dict(xaxis2=dict(side, domain=(0.0, 0.4), anchor="y2"), yaxis2=dict(side, scaleanchor="x2", anchor="x2"),
-                xaxis=dict(right, anchor="y", title=dict(text="t [s]", standoff=2)), legend=dict(x=1.0, y=1.0, **LEGEND),
-                xaxis3=dict(right, anchor="y4", range=(-SPAN, SPAN), title=dict(text="time from now [s]", standoff=2)))
-    for i, name, *span in (("", "x [m]", 0.62, 1.0), (3, "u<sub>a</sub> [N]", 0.24, 0.45), (4, "u<sub>d</sub> [N]", 0.0, 0.21)):
-        axes[f"yaxis{i}"] = dict(Y_AXIS, domain=span, anchor="x3" if i else "x", nticks=4, title_text=name)
-    sky = dict(type="rect", xref="x2 domain", yref="y2 domain", x0=0, x1=1, y0=0, y1=1, fillcolor=SKY, line_width=0,
-               layer="below")
-    layout = LAYOUT | dict(margin=dict(LAYOUT["margin"], l=10), height=400 + TOP + BOTTOM, hovermode="closest", shapes=[sky])
-    return [go.Scatter(x=x, y=y, **q) for (x, y), q in zip(scene(run, t), LOOKS, strict=True)], layout | axes
+    right = X_AXIS | dict(domain=(0.55, 1.0))
+    axes: dict[str, Any] = dict(
+        xaxis2=side | dict(domain=(0.0, 0.4), anchor="y2"),
+        yaxis2=side | dict(scaleanchor="x2", anchor="x2"),
+        xaxis=right | dict(anchor="y", title=dict(text="t [s]", standoff=2)),
+        xaxis3=right | dict(anchor="y4", range=(-SPAN, SPAN),
+                            title=dict(text="time from now [s]", standoff=2)))
+    for i, name, *span in (("", "x [m]", 0.62, 1.0), (3, "u<sub>a</sub> [N]", 0.24, 0.45),
+                           (4, "u<sub>d</sub> [N]", 0.0, 0.21)):
+        axes[f"yaxis{i}"] = Y_AXIS | dict(domain=span, anchor="x3" if i else "x", nticks=4,
+                                          title_text=name)
+    sky = dict(type="rect", xref="x2 domain", yref="y2 domain", x0=0, x1=1, y0=0, y1=1,
+               fillcolor=SKY, line_width=0, layer="below")
+    layout = LAYOUT | dict(margin=LAYOUT["margin"] | dict(l=10), height=400 + TOP + BOTTOM,
+                           hovermode="closest", shapes=[sky], legend=dict(x=1.0, y=1.0, **LEGEND))
+    traces = [go.Scatter(x=x, y=y, **q) for (x, y), q in zip(scene(run, t), LOOKS, strict=True)]
+    return traces, layout | axes
 
 
 class Flight(W.VBox):
@@ -86,7 +110,7 @@ class Flight(W.VBox):
     Attributes
     ----------
     run : Run or None
-        The one shown: the newest of the live plot.
+        The run shown: the newest of the live plot.
     t : float
         The moment shown [s].
     slider : ipywidgets.FloatSlider
@@ -97,16 +121,21 @@ class Flight(W.VBox):
         What is drawn, as a figure to save or change.
     """
 
-    def __init__(self, source):
-        self.run, self._lock, self._picture, self._text = None, threading.RLock(), Picture(), W.HTML()
-        self.slider = W.FloatSlider(0.0, min=0.0, max=STEP, step=STEP, readout=False, description="t")
+    def __init__(self, source: Live | Run):
+        self.run: Run | None = None
+        self._lock, self._picture, self._text = threading.RLock(), Picture(), W.HTML()
+        self.slider = W.FloatSlider(0.0, min=0.0, max=STEP, step=STEP, readout=False,
+                                    description="t")
         self._play = W.Play(value=0, min=0, max=1, step=10, interval=FRAME, show_repeat=False)
         self._speed = W.Dropdown(options=SPEEDS, value=self._play.step)
         W.link((self._speed, "value"), (self._play, "step"))
-        head, below = W.HBox([self._play, self.slider, self._speed]), W.VBox([self._text, self._picture])
-        super().__init__([head, below, Page(flight=("time s", False), speed=("speed of the film", False))])
-        for w, name in ((self, "study"), (self, "flight"), (head, "choices"), (below, "plot"), (self._text, "moment"),
-                        (self.slider, "set-flight"), (self._speed, "set-speed")):
+        head = W.HBox([self._play, self.slider, self._speed])
+        below = W.VBox([self._text, self._picture])
+        page = Page(flight=("time s", False), speed=("speed of the film", False))
+        super().__init__([head, below, page])
+        for w, name in ((self, "study"), (self, "flight"), (head, "choices"), (below, "plot"),
+                        (self._text, "moment"), (self.slider, "set-flight"),
+                        (self._speed, "set-speed")):
             w.add_class(f"smcaero-{name}")
         self._play.observe(self._played, "value")
         self.slider.observe(self._moved, "value")
@@ -115,26 +144,26 @@ class Flight(W.VBox):
         self._take(source.run if isinstance(source, Live) else source)
 
     @property
-    def t(self):
+    def t(self) -> float:
         """The moment shown [s]."""
         return self.slider.value
 
     @property
-    def said(self):
-        """What is said of the moment."""
+    def said(self) -> str:
+        """Text about the moment."""
         return self._text.value
 
     @property
-    def figure(self):
+    def figure(self) -> go.Figure:
         """What is drawn, as a figure of plotly."""
         return go.Figure(*drawing(self.run, self.t)) if self.run else go.Figure()
 
-    def show(self, t):
+    def show(self, t: float) -> None:
         """Show another moment [s]."""
         self.slider.value = t
 
     def _played(self, change):
-        if round(self.slider.value/STEP) != change.new:  # an answer would pull a dragged handle back
+        if round(self.slider.value/STEP) != change.new:  # an answer would pull the handle back
             self.slider.value = change.new*STEP
 
     def _moved(self, change):
@@ -147,7 +176,7 @@ class Flight(W.VBox):
 
     def _take(self, run):
         """Show a run, if it is one of a lander."""
-        if isinstance(run, Run) and len(run.t) and {"theta", "altitude", "velocity"} <= set(vars(run.x)):
+        if isinstance(run, Run) and len(run.t) and STATES <= set(vars(run.x)):
             with self._lock:
                 self.run = run
                 if not self._picture.curves.drawing:
@@ -162,18 +191,22 @@ class Flight(W.VBox):
                 self._picture.move(*zip(*scene(self.run, self.t), strict=True))
                 k, x = row(self.run, self.t), self.run.x
                 u = [q[k] for q in self.run.u]
-                said = (f"t = {self.run.t[k]:.2f} s", f"altitude {x.altitude[k]:.1f} m", f"velocity {x.velocity[k]:.2f} m/s",
-                        f"pitch {math.degrees(x.theta[k]):.1f} deg", f"u<sub>a</sub> {u[0]:.0f} N", f"u<sub>d</sub> {u[1]:.0f} N")
-                self._text.value = f'<div class="smcaero-metrics">{"".join(f"<span>{q}</span>" for q in said)}</div>'
+                parts = (f"t = {self.run.t[k]:.2f} s", f"altitude {x.altitude[k]:.1f} m",
+                         f"velocity {x.velocity[k]:.2f} m/s",
+                         f"pitch {math.degrees(x.theta[k]):.1f} deg",
+                         f"u<sub>a</sub> {u[0]:.0f} N", f"u<sub>d</sub> {u[1]:.0f} N")
+                spans = "".join(f"<span>{q}</span>" for q in parts)
+                self._text.value = f'<div class="smcaero-metrics">{spans}</div>'
 
 
-def flight(source):
+def flight(source: Live | Run) -> Flight:
     """Show a lander in flight: a side view with its thrusters firing, played or scrubbed in time.
 
     Parameters
     ----------
     source : Live or Run
-        Of a live plot, its newest run, always; with a row for each sample the flames are the pulses themselves.
+        Of a live plot, always its newest run. With a row for each sample, the flames are the pulses
+        themselves.
 
     Returns
     -------
@@ -183,22 +216,25 @@ def flight(source):
     Raises
     ------
     ParameterError
-        `source` is something else, not of a lander, which has theta, altitude and velocity, or a run without rows.
+        `source` is something else, is not of a lander, which has the states theta, altitude and
+        velocity, or is a run without rows.
 
     Notes
     -----
-    The descent thrust is drawn by its two sides, (47), the attitude thruster on its arm: its flame down for u_a > 0, which turns
-    the lander to the left. Failed and stuck thrusters of the plant are drawn as they fire.
+    The descent thrust is drawn as its two sides, (47), the attitude thruster on its arm: for
+    u_a > 0, which turns the lander to the left, its flame points down. Failed and stuck thrusters
+    of the plant are drawn as they fire.
 
     Examples
     --------
     >>> film = flight(smc.simulate(smc.rpl.loop(), record=4800))
     >>> film.show(120.0)
     """
-    of = source.loop if isinstance(source, (Live, Run)) else None
-    states = getattr(of, "stages", {}).get("plant")
-    if states is None or not {"theta", "altitude", "velocity"} <= set(states.states):
-        raise ParameterError(f"flight: {type(source).__name__} is not allowed; it must be a live plot or a run of a lander")
+    loop = source.loop if isinstance(source, (Live, Run)) else None
+    plant = loop.stages["plant"] if isinstance(loop, ClosedLoop) else None
+    if plant is None or not STATES <= set(plant.states):
+        raise refused("flight", "source", source, "a live plot or a run of a lander")
     if isinstance(source, Run) and not len(source.t):
-        raise ParameterError("flight: the run is not allowed; it must have rows, but it started beyond the limits of the plant")
+        raise ParameterError("flight: the run is not allowed; it must have rows, "
+                             "but it started beyond the limits of the plant")
     return Flight(source)

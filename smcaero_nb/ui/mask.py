@@ -1,48 +1,50 @@
 """Masks: the form of a block or closed loop, made from the metadata of its parameters."""
 
-import functools
-import math
 import pathlib
-import re
 import threading
 import warnings
-from typing import NamedTuple, get_args
+from collections.abc import Iterable
+from typing import Any, NamedTuple
 
 import anywidget
 import ipywidgets as W
 import traitlets
+from ipywidgets.widgets.widget_string import TextStyle
 
 from ..core import Block, ClosedLoop, ParameterError
 from ..core.block import Channels
 from ..core.param import texted, unknown
-from .given import names, offered
+from ..core.stages import STAGES
+from .given import Loop, Loops, names, offered
 from .job import RAISED
-from .text import doc_html, label, said_html, why_not
+from .row import Row, css_class, written
+from .text import doc_html, said_html, why_not
 
 __all__ = ["Mask", "mask"]
 
 HERE = pathlib.Path(__file__).parent
-DESIGN = ("differentiator", "surface", "law", "allocation", "actuator")  # what a designer sets; the rest is folded away
-WORLD = ("reference", "perturbation", "output", "plant")
+# what a designer sets; the rest is folded away
+DESIGN = tuple(name for name, stage in STAGES.items() if stage.role == "design")
+WORLD = tuple(name for name, stage in STAGES.items() if stage.role == "world")
 
 
 class _Names(W.Widget):
-    """Of each control: accessible name, and whether its slider is logarithmic."""
+    """The accessible name of each control, and whether its slider is logarithmic."""
 
     names = traitlets.Dict().tag(sync=True)
 
 
 class Page(anywidget.AnyWidget):
-    """What ipywidgets leave out in the page: accessible names, live announcements, the fit of the plot."""
+    """What ipywidgets leave out in the page: accessible names and live announcements."""
 
     _esm = HERE / "page.js"
     _css = HERE / "page.css"
-    told = traitlets.Instance(W.Widget).tag(sync=True, **W.widget_serialization)
+    told = traitlets.Instance(_Names).tag(sync=True, **W.widget_serialization)
 
-    def __init__(self, **names):
+    def __init__(self, **names: tuple[str, bool]):
         super().__init__(told=_Names(names=names))
 
-    def tell(self, names):
+    def tell(self, names: dict[str, tuple[str, bool]]) -> None:
         """Name more controls."""
         self.told.names = self.told.names | names
 
@@ -60,7 +62,8 @@ def _settable(target):
     """{name: (Param, value, kind)} of a block or loop."""
     if isinstance(target, ClosedLoop):
         return target.settable()
-    return {n: (m, target.values[n], target.kinds.get(n, float)) for n, m in target.settable.items()}
+    return {n: (m, target.values[n], target.kinds.get(n, float))
+            for n, m in target.settable.items()}
 
 
 def _groups(target):
@@ -73,168 +76,9 @@ def _groups(target):
                [f"{p}{n}" for n in b.params], p.startswith(WORLD)) for p, b in blocks]
     starts = {}
     for p, b in reversed(blocks):
-        starts.setdefault(": ".join(["initial state", *p.split("__")[1:-1]]), []).extend(f"{p}{n}" for n in b.states)
+        title = ": ".join(["initial state", *p.split("__")[1:-1]])
+        starts.setdefault(title, []).extend(f"{p}{n}" for n in b.states)
     return [*groups, *((title, None, names, True) for title, names in sorted(starts.items()))]
-
-
-def _span(meta, value):
-    """Range of the slider: the declared one, else the bounds, else about the value, and so where it is less than three steps."""
-    low, high = meta.slider or (meta.low, meta.high)
-    reach = 4*abs(value) or 1.0
-    if not (meta.log or isinstance(value, int)) and math.isfinite(high - low) and 0.0 < abs(value) < 3*_step(high - low):
-        low, high = max(low, -reach), min(high, reach)
-    low = low if math.isfinite(low) else min(0.0 if value > 0 else -reach, high - reach)
-    high = high if math.isfinite(high) else max(0.0 if value < 0 else reach, low + reach)
-    if meta.log and low <= 0.0:
-        low = 1e-4*high
-    return min(low, value) if value > 0.0 or not meta.log else low, max(high, value)
-
-
-def _step(span):
-    """About a two-hundredth of the range: 1, 2 or 5 times a power of ten."""
-    power = 10.0**math.floor(math.log10((span or 1.0)/200))
-    return power*next(m for m in (1, 2, 5, 10) if m*power >= 0.999*span/200)
-
-
-def _place(name):
-    """Name of a control as a class of the page, which has no blanks."""
-    return "-".join(name.split())
-
-
-def _written(value):
-    """A number as the entry shows it; of a list, the choice."""
-    return value if isinstance(value, str) else re.sub(r"e([+-])0*", lambda m: "e" + m[1].strip("+"), f"{value:.6g}")
-
-
-class _Row:
-    """Slider and text entry of one number, the checkbox of a switch, or a list; `asked` is called with what a person asks for."""
-
-    def __init__(self, name, meta, value, kind, asked, shared, grid):
-        say = dict(description=label(name, meta), tooltip=meta.help)
-        self.meta, self.kind, self.entry, self.told = meta, kind, None, []
-        self.value, self.refused = value, False
-        self._placed = self._written = None  # where a program has put slider and entry
-        self._ask = functools.partial(asked, name)
-        if kind is bool:
-            self.widget = self.box = W.Checkbox(value, indent=False, layout=shared["layout"], **say)
-        elif get_args(kind):
-            self.widget = self.box = W.Dropdown(options=get_args(kind), value=value, layout=shared["layout"], **say)
-        else:
-            low, high = _span(meta, value)
-            step = _step(high - low)
-            if meta.samples and grid:  # a slider that stands where it may
-                low, high, step = grid, grid*max(round(high/grid), 1), grid
-            say |= dict(readout=False, layout=shared["layout"], style=shared["slider"])
-            if kind is int:
-                self.widget = W.IntSlider(value, math.floor(low), math.ceil(high), **say)
-            elif meta.log:
-                a, b = math.log10(low), math.log10(high)
-                self.widget = W.FloatLogSlider(10.0**a, min=a, max=b, step=_step(b - a), **say)
-            else:
-                self.widget = W.FloatSlider(low, min=low, max=high, step=step, **say)
-            self.entry = W.Text(continuous_update=False, tooltip=meta.help, layout=shared["layout"], style=shared["text"])
-            self.entry.observe(self._entered, "value")
-            self.box = W.HBox([self.widget, self.entry], layout=shared["layout"])
-        self.widget.observe(self._slid, "value")
-        for mark in ("row", f"set-{_place(name)}"):
-            self.box.add_class(f"smcaero-{mark}")
-
-    def _entered(self, change):
-        if change.new != self._written:
-            self._ask(self.typed(change.new))
-
-    def _slid(self, change):
-        if change.new != self._placed and self.moved(change.new):
-            self._ask(self.slid(change.new))
-
-    def place(self, v):
-        """Where `v` is on the slider, in steps."""
-        w = self.widget
-        return (math.log10(max(v, 10.0**w.min)) if isinstance(w, W.FloatLogSlider) else v)/w.step
-
-    def moved(self, v):
-        """Whether somebody moved the slider: the page also answers what it is told, with the nearest step, perhaps too late."""
-        if not (self.entry and self.from_page()):
-            return True
-        if abs(self.place(v) - self.place(self.value)) < 0.5:
-            return False
-        late = [q for q in self.told if abs(self.place(v) - q) < 0.5]
-        self.told = [q for q in self.told if q not in late] if late else []
-        if late:
-            self.put(self.value)
-        return not late
-
-    def from_page(self):
-        """Whether the page, not a program, sets the slider just now."""
-        return "value" in self.widget._property_lock
-
-    def slid(self, v):
-        """The slider's value, without the digits that a step does not mean; its ends are the bounds, whatever they round to."""
-        if self.entry and self.from_page():
-            v = self.kind(f"{v:.3g}" if isinstance(self.widget, W.FloatLogSlider) else f"{v:.6g}")
-        return min(max(v, self.meta.low), self.meta.high) if self.entry else v
-
-    def typed(self, text):
-        """The number that the text says, or the text, which validation then refuses in words."""
-        try:
-            return float(text)
-        except ValueError:
-            return text.strip()
-
-    def show(self, value, pull=False):
-        """Show a value in the entry, unless what was typed says the same, and by the slider's step.
-
-        A handle that is being dragged stays where the hand is, unless it is to be pulled back.
-        """
-        self.mark(False)
-        self.value = value
-        if self.entry is None:
-            self._placed = self.widget.value = value
-            return
-        same = self.typed(self.entry.value) == value
-        self._written = self.entry.value if same else _written(value)
-        self.entry.value = self._written
-        if self.from_page() and not pull:
-            self._placed = self.widget.value
-            return  # an answer would pull it back
-        if self.told[-1:] != [self.place(value)]:
-            self.told = [*self.told[-30:], self.place(value)]
-        self.put(value)
-
-    def at(self, value):
-        """The slider's value for `value`: the next of its steps."""
-        w, place = self.widget, self.place(value)*self.widget.step
-        if w.min < place < w.max:
-            place = float(f"{w.min + w.step*round((place - w.min)/w.step):.12g}")
-        place = min(max(place, w.min), w.max)
-        return 10.0**place if isinstance(w, W.FloatLogSlider) else self.kind(place)
-
-    def put(self, value):
-        """Put the slider on the next of its steps, so that the page has little to answer."""
-        self._placed = self.at(value)
-        self.widget.value = self._placed
-
-    def true(self):
-        """Whether it shows its value, as far as steps go, or what was refused."""
-        if self.refused or self.entry is None:
-            return self.refused or self.widget.value == self.value
-        near = abs(self.place(self.widget.value) - self.place(self.at(self.value))) < 0.75
-        text = self.entry.value
-        return near and (text == _written(self.value) or self.typed(text) == self.value)
-
-    def mend(self, value, page):
-        """Show `value` where Ctrl-C left something else; to the page too if it may not know."""
-        if self.value != value or not self.true():
-            self.show(value, pull=True)
-        for w in filter(None, (self.widget, self.entry)) if page else ():
-            w.send_state("value")
-
-    def mark(self, refused):
-        """Mark the entry as refused, or not; what is refused may be asked for again."""
-        self.refused = refused
-        if refused:
-            self._placed = self._written = None
-        (self.box.add_class if refused else self.box.remove_class)("smcaero-refused")
 
 
 class _Fold(W.VBox):
@@ -244,12 +88,14 @@ class _Fold(W.VBox):
         self.rows, self.block = rows, block
         plain = dict(layout=shared["layout"])
         self.opener = W.ToggleButton(not folded, description=title, tooltip="Show or hide", **plain)
-        self.helper = W.ToggleButton(description="?", tooltip=f"What {title} is: equation, conditions, sources", **plain)
+        self.helper = W.ToggleButton(
+            description="?", tooltip=f"About {title}: equation, conditions, sources", **plain)
         self.doc, self.body = W.HTMLMath(**plain), W.VBox(**plain)
-        head = W.HBox([self.opener, self.helper] if block else [self.opener], **plain)
-        for w, name in ((self.opener, "fold"), (self.helper, "help"), (self.doc, "doc"), (head, "head")):
+        self.head = W.HBox([self.opener, self.helper] if block else [self.opener], **plain)
+        for w, name in ((self.opener, "fold"), (self.helper, "help"), (self.doc, "doc"),
+                        (self.head, "head")):
             w.add_class(f"smcaero-{name}")
-        super().__init__([head], **plain)
+        super().__init__([self.head], **plain)
         self.opener.observe(self.arrange, "value")
         self.helper.observe(self.arrange, "value")
         self.arrange()
@@ -261,11 +107,11 @@ class _Fold(W.VBox):
             self.body.children = self.rows
         if self.helper.value and not self.doc.value:
             self.doc.value = doc_html(self.block.__doc__)
-        self.children = [self.children[0], *[self.doc]*self.helper.value, *[self.body]*self.opener.value]
+        self.children = [self.head, *[self.doc]*self.helper.value, *[self.body]*self.opener.value]
 
 
 class _State(NamedTuple):
-    """Of a mask: the name of the chosen loop, the loops as set, and as they were given."""
+    """State of a mask: the name of the chosen loop, the loops as set, and as they were given."""
 
     chosen: str
     offered: dict
@@ -295,19 +141,24 @@ class Mask(W.VBox):
         What runs beside it in the page.
     """
 
-    target = traitlets.Any()
+    target: Any = traitlets.Any()
+    widgets: Any  # not those of ipywidgets, whose attribute of this name is deprecated
+    entries: dict[str, W.Text]
 
-    def __init__(self, target, include=None, tau=None):
+    def __init__(self, target: Loops, include: Iterable[str] | None = None,
+                 tau: float | None = None):
         loops = offered("mask", target, Block, Channels, ClosedLoop)
         self._state, self._shown, self._told = _State(next(iter(loops)), loops, loops), None, None
         self._tau, self._include = tau, names("mask", "include", include)
         self._forms, self._rows, self._lock = {}, {}, threading.RLock()
         self.page, self._status, self._body = Page(), W.HTML(), W.VBox()
         self.choice = W.Dropdown(options=list(loops))
-        self._reset = W.Button(description="Reset", icon="undo", tooltip="Back to the values at the start")
+        self._reset = W.Button(description="Reset", icon="undo",
+                               tooltip="Back to the initial values")
         self._head = head = W.HBox()
         super().__init__()
-        for w, name in ((self, "mask"), (head, "top"), (self.choice, "choice"), (self._body, "body"), (self._status, "status")):
+        for w, name in ((self, "mask"), (head, "top"), (self.choice, "choice"),
+                        (self._body, "body"), (self._status, "status")):
             w.add_class(f"smcaero-{name}")
         self.children = [head, self._body, self._status, self.page]
         self.choice.observe(self._picked, "value")
@@ -316,22 +167,22 @@ class Mask(W.VBox):
         self._change(lambda: self._state)
 
     @property
-    def offered(self):
+    def offered(self) -> dict[str, Loop]:
         """{name: loop} of all that may be chosen, as set now."""
         return self._state.offered
 
     @property
-    def chosen(self):
+    def chosen(self) -> str:
         """The name of the chosen loop."""
         return self._state.chosen
 
     @property
-    def values(self):
+    def values(self) -> dict[str, Any]:
         """{name: value} of what the form shows."""
         now = _settable(self._state.target)
         return {n: now[n][1] for n in self.widgets}
 
-    def set(self, **values):
+    def set(self, **values: Any) -> None:
         """Set several values at once, with one notification; with none if they are set already.
 
         Raises
@@ -347,18 +198,18 @@ class Mask(W.VBox):
 
         self._change(made)
 
-    def reset(self):
-        """Go back to the values at the start."""
+    def reset(self) -> None:
+        """Go back to the initial values."""
         # a copy: observers hear of it even if nothing differs
         self._change(lambda: self._state.put(self._state.given[self.chosen].with_()))
 
-    def offer(self, name, target):
+    def offer(self, name: str, target: Loop) -> None:
         """Offer another loop or block, or another under a name, and choose it.
 
         Raises
         ------
         ParameterError
-            The name is not a text, or the target is something else.
+            The name is not text, or the target is something else.
         """
         name = texted("mask", "name", name)
         more = offered("mask", {name: target}, Block, Channels, ClosedLoop)
@@ -373,22 +224,23 @@ class Mask(W.VBox):
 
         self._change(made)
 
-    def mend(self):
-        """Show again, and tell, what an interrupt left half done."""
+    def mend(self) -> None:
+        """Show again, and tell the observers, what an interrupt left half done."""
         self._change(lambda: self._mend(False) or self._state)
 
-    def say(self, text="", refused=False):
+    def say(self, text: str = "", refused: bool = False) -> None:
         """Show a message under the form; screen readers announce it."""
         self._status.value = said_html(text, refused)
 
-    def in_this_world(self):
-        """{name: loop} of all that are offered, each with what was changed in the vehicle and world of the chosen one."""
+    def in_this_world(self) -> dict[str, Loop]:
+        """Return {name: loop} of all, each in the vehicle and world of the chosen one, as set."""
         return {n: self._brought(self._state, n).target for n in self.offered}
 
     def _brought(self, state, new):
-        """Another one is chosen, with what was changed in the vehicle and world of the one before.
+        """The state with another choice, which takes the changes of vehicle and world along.
 
-        A block, with all that was, except where it is meant to differ. What is not allowed there stays behind.
+        A block takes all changes along, except of values in which the two are meant to differ. What
+        is not allowed there stays behind.
         """
         three = state.given[state.chosen], state.target, state.offered[new]
         was, now, there = map(_settable, three)
@@ -396,7 +248,8 @@ class Mask(W.VBox):
         carried = {n: v for n, (_, v, _) in now.items() if n in there and v != was[n][1]
                    and (n.split("__")[0] in WORLD or block and there[n][1] == was[n][1])}
         made = state.offered[new]
-        for some in (carried, *({n: v} for n, v in carried.items())):  # all at once, as they belong together, or what goes
+        # all at once, as they belong together, or one by one
+        for some in (carried, *({n: v} for n, v in carried.items())):
             try:
                 made = made.with_(**some)
             except RAISED:
@@ -406,7 +259,7 @@ class Mask(W.VBox):
         return state._replace(chosen=new).put(made)
 
     def _formed(self, state):
-        """The state, once there is a form for it: what cannot have one is not chosen."""
+        """The state, once there is a form for it; without a form, nothing is chosen."""
         given = state.given[state.chosen]
         if self._forms.get(state.chosen, (None,))[0] is not given:
             self._forms[state.chosen] = given, *self._form(state.target)
@@ -415,8 +268,8 @@ class Mask(W.VBox):
     def _change(self, make):
         """Take the state that `make` returns, show it and tell the observers, whole or not at all.
 
-        The state is one attribute, assigned once; what is shown follows from it, and is shown again
-        where Ctrl-C, which may come at any moment, left it half done: here, or at the next change.
+        The state is one attribute, assigned once; the controls follow it. Where Ctrl-C, which may
+        come at any moment, left them half done, they are mended here or at the next change.
         """
         with self._lock:
             try:
@@ -445,7 +298,7 @@ class Mask(W.VBox):
                 self._told = state
 
     def _show(self, state):
-        """Show a state; to do so twice does no harm."""
+        """Show a state; doing so twice is harmless."""
         _, self._rows, folds = self._forms[state.chosen]
         self.widgets = {n: row.widget for n, row in self._rows.items()}
         self.entries = {n: row.entry for n, row in self._rows.items() if row.entry}
@@ -472,7 +325,7 @@ class Mask(W.VBox):
             self.choice.send_state("index")
 
     def _asked(self, name, value):
-        """A person moved a slider or typed: take the value, or say what is allowed."""
+        """Take the value that the user slid to or typed, or say what is allowed."""
         remarks, row = [], self._rows[name]
 
         def made():
@@ -493,13 +346,13 @@ class Mask(W.VBox):
             except RAISED as why:
                 if self._state is not before:  # an observer's
                     raise
-                self.say(f"{why_not(why)}. It stays at {_written(row.value)}.", refused=True)
+                self.say(f"{why_not(why)}. It stays at {written(row.value)}.", refused=True)
             else:
                 if remarks:
                     self.say(f"{remarks[-1].message}.")
 
     def _picked(self, change):
-        """A person chose another loop; what was changed in vehicle and world comes along."""
+        """Take another loop that the user chose; changes of vehicle and world come along."""
         if change.new == self.chosen or self._shown is not self._state:  # it is being shown
             return
         try:
@@ -508,25 +361,26 @@ class Mask(W.VBox):
             self.say(f"{why}.", refused=True)
 
     def _form(self, target):
-        """Rows {name: _Row} and groups of the form."""
-        known, include = {n: q for n, q in _settable(target).items() if not q[0].hidden}, self._include
+        """Rows {name: Row} and groups of the form."""
+        known = {n: q for n, q in _settable(target).items() if not q[0].hidden}
+        include = self._include
         for i in include or ():
             if not any(n == i or n.startswith(f"{i}__") for n in known):
                 raise unknown("mask: include", i, known)
         chosen = [n for n in known if include is None
                   or any(n == i or n.startswith(f"{i}__") for i in include)]
-        shared = dict(layout=W.Layout(), slider=W.FloatSlider.style.klass(), text=W.Text.style.klass())
+        shared = dict(layout=W.Layout(), slider=W.SliderStyle(), text=TextStyle())
         grid = (self._tau or target.tau or target.dt) if isinstance(target, ClosedLoop) else None
-        rows = {n: _Row(n, *known[n], self._asked, shared, grid) for n in chosen}
+        rows = {n: Row(n, *known[n], self._asked, shared, grid) for n in chosen}
         units = {n: f" {q[0].unit}"*(q[0].unit != "1") for n, q in known.items()}
-        self.page.tell({_place(n): (n.replace("__", " ") + units[n], known[n][0].log)
+        self.page.tell({css_class(n): (n.replace("__", " ") + units[n], known[n][0].log)
                         for n in chosen})
         groups = [(title, b, [rows[n].box for n in group if n in rows], folded and include is None)
                   for title, b, group, folded in _groups(target)]
         return rows, [_Fold(*group, shared) for group in groups if group[2]]
 
 
-def mask(target, include=None):
+def mask(target: Loops, include: Iterable[str] | None = None) -> Mask:
     """Make the form of a block or closed loop from the metadata of its parameters.
 
     Parameters
@@ -544,9 +398,9 @@ def mask(target, include=None):
     Raises
     ------
     ParameterError
-        `target` is something else, such as a function that makes a loop but was not called, or
-        offers nothing, or under a name that is not a text; `include` is not a sequence of names, or
-        names something that does not exist.
+        `target` is something else, such as a function that makes a loop but was not called, or an
+        empty dict, or has a name that is not text; `include` is not a sequence of names, or names
+        something that does not exist.
 
     Examples
     --------

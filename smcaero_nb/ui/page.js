@@ -17,7 +17,7 @@ async function render({ model, el }) {
           e.setAttribute("aria-valuetext", String(Number((10 ** e.getAttribute("aria-valuenow")).toPrecision(3)))));
         row.querySelectorAll("input[type=text]").forEach(e => e.setAttribute("aria-invalid", row.classList.contains("smcaero-refused")));
       }
-      // keys meant for a control are no commands of the notebook
+      // keys meant for a control are not commands of the notebook
       mask.querySelectorAll("select, button, input, [role=slider]").forEach(e => e.setAttribute("data-lm-suppress-shortcuts", "true"));
       mask.querySelectorAll(".smcaero-fold, .smcaero-help").forEach(e => e.setAttribute("aria-expanded", e.classList.contains("mod-active")));
       mask.querySelectorAll(".smcaero-choice select").forEach(e => e.setAttribute("aria-label", "closed loop"));

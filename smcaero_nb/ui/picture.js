@@ -25,7 +25,7 @@ async function render({ model, el }) {
     asked = false;
     const { traces, layout } = curves.get("drawing"), x = curves.get("x"), y = curves.get("y"), width = el.clientWidth;
     if (!width || !traces || x.length !== traces.length || y.length !== traces.length) return;
-    const data = traces.map((t, i) => ({  // what is no number stays in the trace
+    const data = traces.map((t, i) => ({  // what is not a number stays in the trace
       ...t, ...(x[i].byteLength && { x: numbers(x[i]) }), ...(y[i].byteLength && { y: numbers(y[i]) }),
     }));
     plotly.react(box, data, { ...structuredClone(layout), width }, { displaylogo: false });

@@ -1,14 +1,17 @@
 """Studies beside a live plot: several laws over one another, and the measured order of sliding."""
 
+from collections.abc import Mapping
+from typing import Any
+
 import ipywidgets as W
 import plotly.graph_objects as go
 
-from ..core import Block, ClosedLoop, ParameterError, accuracy, simulate
-from ..core.param import listed, said
+from ..core import Accuracy, Block, ClosedLoop, ParameterError, Run, accuracy, simulate
+from ..core.param import given, listed, refused
 from .curves import LAW, comparison_html, draw, panels
 from .figures import figure
 from .given import offered
-from .job import Dropped, Job, interrupted
+from .job import Cancelled, Job, Overtaken, interrupted
 from .live import FIRST, ROWS, Live
 from .mask import Page
 from .picture import Picture
@@ -20,52 +23,60 @@ MOST = 4  # laws that can be told apart in one picture
 
 
 class Study(W.VBox):
-    """What a person sets going for the loops of a mask as they are set then: a message, a progress bar, a picture.
+    """A study of the loops of a mask as set at its start: message, progress bar, picture.
 
     Attributes
     ----------
     status : str
-        What the message says.
+        Text of the message.
     figure : plotly.graph_objects.Figure or None
         What is drawn, as a figure to save or change.
     job : Job
         The thread that computes, with its progress bar.
     """
 
-    def __init__(self, source, head, said):
+    def __init__(self, source: Live | ClosedLoop | Mapping[str, ClosedLoop], head: W.Box):
         self._mask = source.mask if isinstance(source, Live) else None
-        self._given = source if isinstance(source, dict) else {"": source}
+        self._given: dict[str, Any] = dict(source) if isinstance(source, Mapping) else {"": source}
         self._times = source.times if isinstance(source, Live) else {}
         self._message, self._below, self.job = W.HTML(), W.VBox(), Job(self._work)
-        self.figure, self._above, self._picture = None, W.HTML(), Picture()
-        said_row = W.HBox([self._message, self.job])
-        super().__init__([head, said_row, self._below, Page()])
-        for w, name in ((self, "study"), (head, "choices"), (said_row, "said"), (self._message, "status"), (self._below, "plot")):
+        self.figure: go.Figure | None = None
+        self._above, self._picture = W.HTML(), Picture()
+        below = W.HBox([self._message, self.job])
+        super().__init__([head, below, self._below, Page()])
+        for w, name in ((self, "study"), (head, "choices"), (below, "said"),
+                        (self._message, "status"), (self._below, "plot")):
             w.add_class(f"smcaero-{name}")
-        self._say(said)
+        self._say("")
 
     @property
-    def loops(self):
+    def loops(self) -> dict[str, Any]:
         """{name: loop} as set now, all in the same world."""
         return self._mask.in_this_world() if self._mask else self._given
 
-    def wait(self):
+    def wait(self) -> None:
         """Wait until the picture is there; Ctrl-C cancels it."""
         self.job.wait()
 
+    def _study(self, asked, progress) -> tuple[str, bool]:
+        """Compute and draw; return what to say, and whether it is refused."""
+        raise NotImplementedError
+
     def _work(self, asked, progress):
         """Compute and draw, or say why not."""
-        said, refused = "", True
+        text, bad = "", True
         try:
             progress()
-            said, refused = self._study(asked, progress)
-        except Dropped as why:
-            said = "Cancelled." if why.args == ("cancelled",) else ""
-        except BaseException as why:  # a block may raise anything: it is said, and the page goes on
+            text, bad = self._study(asked, progress)
+        except Cancelled:
+            text = "Cancelled."
+        except Overtaken:
+            pass
+        except BaseException as why:  # a block may raise anything: say it, and the page goes on
             if interrupted(why):
                 raise
-            said = why_not(why)
-        self._say(said, refused)
+            text = why_not(why)
+        self._say(text, bad)
 
     def _say(self, text, refused=False):
         self.status = text
@@ -86,20 +97,24 @@ class Compare(Study):
         What is shown.
     """
 
-    def __init__(self, source):
+    def __init__(self, source: Live | Mapping[str, ClosedLoop]):
         names = list(source.mask.offered if isinstance(source, Live) else source)
-        self.runs, self._picked = {}, frozenset(names[:MOST])
-        self._toggles = {n: W.ToggleButton(i < MOST, description=n, tooltip=f"Show {n}") for i, n in enumerate(names)}
-        self._again = W.Button(description="Refresh", icon="refresh", tooltip="Take the settings of the mask as they are now")
+        self.runs: dict[str, Run] = {}
+        self._picked = frozenset(names[:MOST])
+        self._toggles = {n: W.ToggleButton(i < MOST, description=n, tooltip=f"Show {n}")
+                         for i, n in enumerate(names)}
+        self._again = W.Button(description="Refresh", icon="refresh",
+                               tooltip="Use the current settings of the mask")
         self._again.on_click(lambda _: self._ask())
-        super().__init__(source, W.HBox([*self._toggles.values(), *[self._again]*isinstance(source, Live)]), "")
+        buttons = [*self._toggles.values(), *[self._again]*isinstance(source, Live)]
+        super().__init__(source, W.HBox(buttons))
         for t in self._toggles.values():
             t.observe(self._toggled, "value")
         if self._mask:
             self._mask.observe(self._stale, "target")
         self._ask(FIRST)
 
-    def set(self, *names):
+    def set(self, *names: str) -> None:
         """Show these loops, as set now, and wait until they are drawn.
 
         Raises
@@ -109,18 +124,17 @@ class Compare(Study):
         """
         known = all(isinstance(n, str) and n in self._toggles for n in names)
         if not 1 <= len(names) <= MOST or not known:
-            raise ParameterError(f"compare: {said(names)} is not allowed; it must be one to {MOST} "
-                                 f"of {listed(self._toggles)}")
+            raise refused("compare", "names", names, f"one to {MOST} of {listed(self._toggles)}")
         self._pick(names)
         self.wait()
 
     def _toggled(self, change):
         name = change.owner.description
-        if change.new == (name in self._picked):  # a program's
+        if change.new == (name in self._picked):  # a program set it
             return
         if len(self._picked ^ {name}) > MOST:
             change.owner.value = False
-            self._say(f"{MOST} laws at most can be told apart: switch another one off first.", refused=True)
+            self._say(f"At most {MOST} laws can be told apart: switch another one off first.", True)
         else:
             self._pick(self._picked ^ {name})
 
@@ -132,7 +146,8 @@ class Compare(Study):
             self._ask()
         except BaseException:
             self._follow()
-            if set(self.job.worker.asked[0]) != self._picked:
+            asked = self.job.worker.asked
+            if asked is None or set(asked[0]) != self._picked:
                 self._ask()
             raise
 
@@ -143,20 +158,23 @@ class Compare(Study):
     def _stale(self, _):
         if self.job.worker.idle.is_set():
             loops = self.loops
-            same = all((loops[n].p, loops[n].start()) == (r.loop.p, r.loop.start()) for n, r in self.runs.items())
-            self._say("" if same else "The mask has changed since: Refresh takes its settings.")
+            same = all((loops[n].p, loops[n].start()) == (r.loop.p, r.loop.start())
+                       for n, r in self.runs.items())
+            self._say("" if same else "The mask has changed since: Refresh uses its settings.")
 
     def _ask(self, patience=0.0):
         loops = self.loops
         self.job.ask({n: loops[n] for n in self._toggles if n in self._picked}, patience)
 
-    def _study(self, loops, progress):
+    def _study(self, asked, progress):
         self.runs, runs = {}, {}
-        for i, (name, loop) in enumerate(loops.items()):
-            runs[name] = simulate(loop, **self._times, record=ROWS, progress=lambda q, i=i: progress((i + q)/len(loops)))
+        for i, (name, loop) in enumerate(asked.items()):
+            runs[name] = simulate(loop, **self._times, record=ROWS,
+                                  progress=lambda q, i=i: progress((i + q)/len(asked)))
         self.runs = runs
         # without the states of the laws: each has its own
-        curves = {n: [c for c in panels(r, phase=True) if c.row != LAW] for n, r in runs.items() if len(r.t)}
+        curves = {n: [c for c in panels(r, phase=True) if c.row != LAW]
+                  for n, r in runs.items() if len(r.t)}
         self._show(draw(curves), comparison_html(runs))
         lost = [f"{n} {why_diverged(r)}" for n, r in runs.items() if r.diverged_at is not None]
         return "; ".join(lost), True
@@ -171,21 +189,23 @@ class Certificate(Study):
         The last one measured.
     """
 
-    def __init__(self, source):
-        self.result, self._button = None, W.Button(description="Measure the order of sliding", icon="line-chart",
-                                                   tooltip="Simulate the loop as set now with five sampling steps")
+    def __init__(self, source: Live | ClosedLoop):
+        self.result: Accuracy | None = None
+        self._button = W.Button(description="Measure the order of sliding", icon="line-chart",
+                                tooltip="Simulate the loop as set now with five sampling steps")
         self._button.on_click(lambda _: self._ask())
-        super().__init__(source, W.HBox([self._button]), "")
+        super().__init__(source, W.HBox([self._button]))
         if self._mask:
             self._mask.observe(self._stale, "target")
 
-    def _stale(self, _):
+    def _stale(self, change):
         if self.result and self.job.worker.idle.is_set():
-            now, then = self._mask.target, self.result.loop
+            now: Any = change.new
+            then: Any = self.result.loop
             same = now.name == then.name and (now.p, now.start()) == (then.p, then.start())
             self._say(self._told if same else f"{self._told} The mask has changed since.")
 
-    def measure(self):
+    def measure(self) -> Accuracy | None:
         """Measure the loop as set now, wait for it, and return the `Accuracy`."""
         self._ask()
         self.wait()
@@ -206,15 +226,17 @@ class Certificate(Study):
         return self._told, False
 
 
-def compare(source):
+def compare(source: Live | Mapping[str, ClosedLoop]) -> Compare:
     r"""Show up to four loops over one another: their curves and phase portraits, and a table.
 
-    The table has the reaching time, the tail accuracy, the mean control \|v\| and the chattering of each.
+    The table has the reaching time, the tail accuracy, the mean control \|v\| and the chattering of
+    each.
 
     Parameters
     ----------
     source : Live or dict of str to ClosedLoop
-        Of a live plot, the loops that its mask offers, each as set when the comparison is made; Refresh makes it again.
+        Of a live plot, the loops that its mask offers, each as set when the comparison is made;
+        Refresh makes it again.
 
     Returns
     -------
@@ -224,23 +246,24 @@ def compare(source):
     Raises
     ------
     ParameterError
-        `source` is something else, or offers nothing, what is no closed loop, or a name that is
-        not a text.
+        `source` is something else, or offers nothing, something other than a closed loop, or a name
+        that is not text.
 
     Examples
     --------
-    >>> both = compare({law: smc.applications.double_integrator(law) for law in ("sign_smc", "super_twisting")})
+    >>> laws = "sign_smc", "super_twisting"
+    >>> both = compare({law: smc.applications.double_integrator(law) for law in laws})
     >>> both.runs["sign_smc"].metrics().turns_u
     """
-    if not isinstance(source, (Live, dict)):
-        raise ParameterError(
-            f"compare: {said(source)} is not allowed; it must be a live plot or {{name: loop}}")
+    given("compare", "source", source, (Live, Mapping), "a live plot or {name: loop}")
     offered("compare", source.mask.offered if isinstance(source, Live) else source, ClosedLoop)
     return Compare(source)
 
 
-def certificate(source):
-    r"""Offer to measure the order of sliding of a loop as set: the slope of its accuracy over the sampling step.
+def certificate(source: Live | ClosedLoop) -> Certificate:
+    """Show a button that measures the order of sliding of a loop as set.
+
+    The order is the slope of the loop's accuracy over the sampling step.
 
     Parameters
     ----------
@@ -262,9 +285,8 @@ def certificate(source):
     >>> certificate(smc.applications.perturbed_chain(smc.smc2.super_twisting, 1)).measure().order
     2
     """
-    if not isinstance(source, (Live, ClosedLoop)):
-        raise ParameterError(f"certificate: {type(source).__name__} is not allowed; it must be a live plot or a closed loop")
+    given("certificate", "source", source, (Live, ClosedLoop), "a live plot or a closed loop")
     if isinstance(source, Live) and all(isinstance(q, Block) for q in source.mask.offered.values()):
-        raise ParameterError(
-            "certificate: the live plot is not allowed; it has only blocks, and must offer a loop")
+        raise ParameterError("certificate: the live plot is not allowed; "
+                             "it offers only blocks, and must offer a closed loop")
     return Certificate(source)

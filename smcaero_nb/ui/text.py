@@ -1,4 +1,4 @@
-"""What a person reads: symbols, units, docstrings, messages, as HTML.
+"""Texts as HTML: symbols, units, docstrings, messages.
 
 Every text from outside enters HTML through `plain`; where MathJax reads it, by `_unmathed` first.
 """
@@ -8,8 +8,9 @@ import inspect
 import itertools
 import math
 import re
+from typing import Any
 
-from ..core import BlockError, ParameterError
+from ..core import BlockError, Param, ParameterError, Run
 from ..core.signal import flat
 
 __all__ = ["UNKNOWN", "doc_html", "label", "measure", "plain", "result_html", "said_html", "shown",
@@ -40,13 +41,13 @@ NO_EQUATION = re.compile(
     r"[$#%]|\\(?:href|style|class|cssId|data|unicode|require|def|let|(?:re)?newcommand)\b")
 
 
-def plain(text):
-    """A text for HTML between tags and for plotly: no tag in it, no equation, no placeholder."""
+def plain(text: str) -> str:
+    """Return a text for HTML between tags and for plotly, without tags, equations, placeholders."""
     return html.escape(text, quote=False).replace("$", "&#36;").replace("%{", "&#37;{")
 
 
-def unmarked(said):
-    """The text that HTML shows."""
+def unmarked(said: str) -> str:
+    """Return the text that HTML shows."""
     return html.unescape(re.sub("<.*?>", "", said))
 
 
@@ -55,10 +56,10 @@ def _unmathed(text):
     return re.sub(r"[\\$]", r"\\\g<0>", text)
 
 
-def symbol(latex):
-    """A LaTeX symbol as text with <sub> and <sup>, for axes, where there is no MathJax.
+def symbol(latex: str) -> str:
+    """Return a LaTeX symbol as text with <sub> and <sup>, for axes, where there is no MathJax.
 
-    What is not LaTeX of letters, accents, roman type and indices is shown as it stands.
+    Anything but LaTeX of letters, accents, roman type and indices is shown as it stands.
     """
     return _read(latex) or plain(latex)
 
@@ -70,7 +71,7 @@ def _read(latex):
         return ""
     try:
         said = _row(tokens)
-    except (IndexError, KeyError):  # it ends too soon, or is of no such LaTeX
+    except (IndexError, KeyError):  # it ends too soon, or is other LaTeX
         return ""
     return "" if tokens else said.strip()
 
@@ -134,19 +135,19 @@ def _bracketed(unit):
 
 
 def _raised(unit):
-    """A unit with its powers as HTML; what is no unit, as it stands."""
+    """A unit with its powers as HTML; anything else as it stands."""
     if not UNIT.fullmatch(unit):
         return plain(unit)
     return re.sub(POWER, lambda m: f"<sup>{m[1]}</sup>".replace("-", "\u2212"), unit)
 
 
-def unit_html(unit):
-    """A unit in brackets, with a space before it; nothing if there is none."""
+def unit_html(unit: str) -> str:
+    """Return a unit in brackets, with a space before it; nothing if there is none."""
     return "" if unit == "1" else " " + _raised(_bracketed(unit))
 
 
-def label(name, meta):
-    """Label of a control, for MathJax: symbol and unit; as text what it would stumble over."""
+def label(name: str, meta: Param) -> str:
+    """Return the label of a control: symbol and unit, as LaTeX if MathJax takes it, else text."""
     said, unit = meta.symbol or name, _bracketed(meta.unit)
     said = f"${said}$" if _read(said) else _unmathed(said)
     if meta.unit == "1":
@@ -157,42 +158,49 @@ def label(name, meta):
     return rf"{said} $\mathrm{{{unit}}}$"
 
 
-def shown(meta):
-    """(factor, unit) in which a person reads a quantity: degrees for radians."""
+def shown(meta: Param) -> tuple[float, str]:
+    """Return factor and unit in which a quantity is shown: degrees for radians."""
     return (180/math.pi, DEGREES[meta.unit]) if meta.unit in DEGREES else (1.0, meta.unit)
 
 
-def measure(values, factor, unit):
-    """A figure of merit, or one a channel, with its unit."""
+def measure(values: Any, factor: float, unit: str) -> str:
+    """Return a figure of merit with its unit, or one for each channel."""
     values = values if isinstance(values, tuple) else (values,)
     if not all(map(math.isfinite, values)):
         return UNKNOWN
-    said = ", ".join(f"{v*factor:.0f}" if 1e3 <= abs(v*factor) < 1e5 else f"{v*factor:.3g}" for v in values)
+    values = [v*factor for v in values]
+    said = ", ".join(f"{v:.0f}" if 1e3 <= abs(v) < 1e5 else f"{v:.3g}" for v in values)
     return said if unit == "1" else f"{said} {_raised(unit)}"
 
 
-def said_html(text, refused):
-    """A message, as a refusal or as a remark."""
+def said_html(text: str, refused: bool) -> str:
+    """Return a message, as a refusal or as a remark."""
     return text and f'<span class="smcaero-{"bad" if refused else "good"}">{plain(text)}</span>'
 
 
-def why_not(error):
-    """What an exception says to a person: the kit's own words, or another's with its kind."""
-    return str(error) if isinstance(error, (ParameterError, BlockError)) else f"{type(error).__name__}: {error}"
+def why_not(error: BaseException) -> str:
+    """Return the text of an exception: the kit's errors verbatim, others as "Type: message"."""
+    own = isinstance(error, (ParameterError, BlockError))
+    return str(error) if own else f"{type(error).__name__}: {error}"
 
 
-def result_html(result):
-    """What a result says of itself, as HTML; a picture says nothing."""
-    said = "" if type(result).__str__ is object.__str__ or hasattr(result, "to_plotly_json") else str(result)
+def result_html(result: Any) -> str:
+    """Return the text of a result as HTML; a picture has none."""
+    mute = type(result).__str__ is object.__str__ or hasattr(result, "to_plotly_json")
+    said = "" if mute else str(result)
     said = re.sub(r"\b([a-z])_(\d+)", r"\1<sub>\2</sub>", plain(said))
     few = {"0": "", "1": "'", "2": "''"}
     said = re.sub(r"\^\((\d+)\)", lambda m: few.get(m[1], f"<sup>({m[1]})</sup>"), said)
     return f'<div class="smcaero-result">{said}</div>' if said else ""
 
 
-def doc_html(doc):
-    """A numpydoc docstring as HTML, with LaTeX for MathJax; what the mask shows itself, the arguments, is left out."""
-    intro, *sections = re.split(r"\n([A-Z][\w ]+)\n-{3,}\n", inspect.cleandoc(doc or "No description."))
+def doc_html(doc: str | None) -> str:
+    """Return a numpydoc docstring as HTML, with LaTeX for MathJax.
+
+    The arguments, which the mask itself shows, are left out.
+    """
+    doc = inspect.cleandoc(doc or "No description.")
+    intro, *sections = re.split(r"\n([A-Z][\w ]+)\n-{3,}\n", doc)
     said = _prose(intro)
     for title, body in zip(sections[::2], sections[1::2], strict=True):
         if title == "Examples":
@@ -213,7 +221,7 @@ def _prose(text):
 
 
 def _equation(tex, display):
-    """Mathematics for MathJax, or as code if it would stumble over it."""
+    """Mathematics for MathJax, or as code if MathJax cannot take it."""
     tex = re.sub(r"\n\s*\n", "\n", tex).strip()
     bare = re.sub(r"\\[^A-Za-z]", "", tex)  # without braces and marks that are only shown
     depths = list(itertools.accumulate((q == "{") - (q == "}") for q in bare)) or [0]
@@ -225,7 +233,7 @@ def _equation(tex, display):
 
 
 def _worded(text):
-    """Words, code and what is bold."""
+    """Words, code and bold type."""
     parts = re.split(r"``?([^`]+)``?", text)
     parts[::2] = [plain(_unmathed(p.replace(r"\|", "|"))) for p in parts[::2]]
     parts[::2] = [re.sub(r"\*\*([^*]+)\*\*", r"<b>\1</b>", p) for p in parts[::2]]
@@ -233,12 +241,13 @@ def _worded(text):
     return "".join(parts)
 
 
-def why_diverged(run):
-    """When a run diverged and what left its limit, in words; the last row recorded tells which it was."""
+def why_diverged(run: Run) -> str:
+    """Say when a run diverged and what left its limit, judged by the last row recorded."""
     loop = run.loop
     if not len(run.t):
         return "diverged at 0 s: the start is beyond the limits of the plant"
-    signals = [("y", v, m) for v, m in zip(flat(run.y), flat(loop.metadata("y") or ()), strict=False) if m]
+    about = flat(loop.metadata("y") or ())
+    signals = [("y", v, m) for v, m in zip(flat(run.y), about, strict=False) if m]
     signals += [(n, getattr(run.x, n), m) for n, m in loop.stages["plant"].states.items()]
     used = {}
     for name, values, meta in signals:

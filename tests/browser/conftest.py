@@ -16,14 +16,15 @@ def browser():
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as playwright:
-        b = playwright.chromium.launch(executable_path=chromium(), args=["--no-sandbox", "--disable-gpu"])
+        b = playwright.chromium.launch(executable_path=chromium(),
+                                       args=["--no-sandbox", "--disable-gpu"])
         yield b
         b.close()
 
 
 @pytest.fixture(scope="module")
 def notebook(server, browser, request):
-    """Open a notebook: ``notebook("notebooks/x.ipynb")``, or one made of cells: ``notebook(cell, cell)``.
+    """Open a notebook, ``notebook("notebooks/x.ipynb")``, or make one, ``notebook(cell, cell)``.
 
     `script` runs in its page before anything else.
     """

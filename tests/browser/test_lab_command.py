@@ -18,12 +18,13 @@ import pytest
 ROOT = Path(__file__).parents[2]
 START = "notebooks/00_start_here.ipynb"
 TOKEN = "of-the-test"
-pytestmark = [pytest.mark.browser, pytest.mark.skipif(not shutil.which("make"), reason="no make here")]
+pytestmark = [pytest.mark.browser,
+              pytest.mark.skipif(not shutil.which("make"), reason="no make here")]
 
 
 @contextmanager
 def make_lab(port, home):
-    """Run `make lab` on `port`, away from the user's own Jupyter settings; gives its address and its output file."""
+    """Run `make lab` on `port` without the user's Jupyter settings; gives address, output file."""
     env = {k: v for k, v in os.environ.items() if not k.startswith(("MAKE", "MFLAGS", "PYTHON"))}
     env |= {f"JUPYTER_{what}_DIR": str(home / what) for what in ("CONFIG", "RUNTIME", "DATA")}
     output = home / "output"
@@ -40,7 +41,8 @@ def make_lab(port, home):
         assert found, output.read_text()
         for _ in range(300):  # it names its address a moment before it listens there
             try:
-                socket.create_connection(("127.0.0.1", int(found[0].rpartition(":")[2])), timeout=5).close()
+                socket.create_connection(("127.0.0.1", int(found[0].rpartition(":")[2])),
+                                         timeout=5).close()
                 break
             except OSError:
                 time.sleep(0.1)

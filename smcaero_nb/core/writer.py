@@ -1,0 +1,366 @@
+"""Writes the program of a loop, trying each line at t = 0 to learn the shapes of the signals."""
+
+import re
+import zlib
+from typing import Any
+
+from .block import Block, BlockError, Channels
+from .cache import draws
+from .checks import check, kind, place, way_out
+from .expressions import error, limits, local, zero
+from .leaves import Leaf, found
+from .param import listed, said
+from .program import LIMIT, METERS, METHODS, Program, line, parts
+from .signal import leaves, shape, text
+from .stages import OWN, SAMPLED, SIGNALS, STAGES
+
+__all__ = ["inputs", "written"]
+
+INPUTS = 8  # most inputs that a plant is tried with
+ESTIMATED = ("surface", "law", "allocation")  # for them e is what the differentiator gives
+
+
+def paths(stage: str, b: Any) -> list[tuple[str, Block]]:
+    """Return (path, block) of the blocks of a stage: ``law__attitude``."""
+    if hasattr(b, "parts"):
+        return [q for n, p in b.parts.items() for q in paths(f"{stage}__{n}", p)]
+    return [(stage, b)] if b else []
+
+
+def inputs(plant: Block) -> tuple[Any, Any]:
+    """Return zero input and perturbation of the shapes that a plant takes: the fewest that work."""
+    for m in range(1, INPUTS + 1):
+        for d in (0.0, (0.0,)*m):
+            given = {"t": 0.0, "x": plant.z0, "u": (0.0,)*m if m > 1 else 0.0, "d": d}
+            try:
+                plant.f(*(given[n] for n in plant.signals), *plant.p)
+                return given["u"], d
+            except Exception as reason:
+                why = reason
+    raise BlockError(f"plant '{plant.name}' could not be evaluated at its initial state with any "
+                     f"number of inputs from 1 to {INPUTS}; with {INPUTS}: "
+                     f"{type(why).__name__}: {why}") from why
+
+
+class _Writer:
+    """Writes the program of a loop, trying each line to learn the shapes of the signals."""
+
+    def __init__(self, loop: Any, method: str, tau: float, m: int, lag: int):
+        self.loop, self.stages, self.m, self.lag = loop, loop.stages, m, lag
+        self.functions, self.places, self.shapes, self.trial = {}, {}, {}, []
+        self.params = {f"p_{s}_{i}": v for s, p in loop.p.items() for i, v in enumerate(p)}
+        x, z = loop.start()
+        self.x, self.z, self.rings = tuple(x), tuple(z), []
+        self.shapes["x"] = (None,)*len(x)
+        self.start = {**x, **z}
+        self.values = {"t": 0.0, "tau": tau, "dt": 0.0, "k": 0, "m": m, "R": self.rings,
+                       "float": float, **self.params, **self.start}
+        self.held_world = [s for s in ("reference", "perturbation")
+                           if any(b.states for b in parts(self.stages[s]))]
+        self.command = "c" if lag else "u"  # what the control gives; u is what acts
+        self.segments = self.write_all(method)
+
+    # ---- segments --------------------------------------------------------------------------
+    def write_all(self, method):
+        """The lines of all segments."""
+        stages = self.stages
+        asked = [s for s in ("output", "differentiator", "surface", "law", "allocation")
+                 if any("u" in b.signals for b in parts(stages[s]))]
+        if asked or self.lag:  # as few zeros as the plant works with, before u is given
+            self.written(self.assign, "u", repr(inputs(stages["plant"])[0]))
+        taken = self.shapes.get("u")
+        early = any("d" in b.signals for b in parts(stages["output"]))
+        made = {"command": self.written(self.hold), "measure": self.written(self.measure, early),
+                "control": self.written(self.control)}
+        if self.lag:
+            made["act"] = self.written(self.act)
+        held = early or "perturbation" in self.held_world
+        made["disturb"] = [] if held else self.written(self.stage, "perturbation", "d")
+        made["advance"] = self.written(self.advance, METHODS[method])
+        if (asked or self.lag) and self.shapes["u"] != taken:
+            who = asked[0] if asked else "latency"
+            count = len(taken) if taken else "one number"
+            raise BlockError(f"the {who} asks for u, of which the plant takes {count}, but the "
+                             f"loop gives it u = {said(self.values_of('u'))}")
+        made["stop"] = self.written(self.stage, "stop", "left") if stages["stop"] else []
+        made["probe"] = self.written(self.stage, "probe", "probe") if stages["probe"] else []
+        return made
+
+    def count(self):
+        """The number of the sample, where a block or a ring asks for it."""
+        needs = self.lag or any("k" in b.signals for s in STAGES for b in parts(self.stages[s]))
+        if needs:
+            self.write("count = k//m")
+
+    def hold(self):
+        """Reference and perturbation with memory, evaluated at samples."""
+        if self.held_world:
+            self.count()
+        for s in self.held_world:
+            self.stage(s, STAGES[s].gives)
+
+    def measure(self, early):
+        """Reference, output and error; before them, for an output that asks, the perturbation."""
+        if early and "perturbation" not in self.held_world:
+            self.stage("perturbation", "d")
+        if self.stages["output"] or len(self.x) > 1:
+            self.stage("output", "y", "x")
+        else:
+            self.assign("y", "x_0")
+        if not self.stages["reference"]:
+            self.assign("r", zero(self.shapes["y"]))
+        elif "reference" not in self.held_world:
+            self.stage("reference", "r")
+        self.miss("e", "y")
+
+    def miss(self, gives, of):
+        """The difference of reference and output, or of reference and what the sensor gives."""
+        try:
+            self.assign(gives, error(self.shapes["r"], self.shapes[of], name=of))
+        except (BlockError, TypeError, IndexError) as why:
+            told = f": {why}" if isinstance(why, BlockError) and "fails at" not in str(why) else ""
+            raise BlockError(f"reference and output do not fit: e = r - {of} with "
+                             f"r = {said(self.values_of('r'))}, "
+                             f"{of} = {said(self.values_of(of))}{told}") from None
+
+    def control(self):
+        """The sampled stages."""
+        self.count()
+        for s in SAMPLED:
+            gives, passes = STAGES[s].gives, STAGES[s].passes
+            if s == "sensor":
+                if self.stages[s]:
+                    self.stage(s, gives)
+                    self.miss("e_m", gives)
+                continue
+            passes = {"e": "e_m"}.get(passes, passes) if self.stages["sensor"] else passes
+            names = {"u": self.command}
+            self.stage(s, names.get(gives, gives), names.get(passes, passes))
+        if self.lag:
+            self.ring(write=True)
+
+    def ring(self, write):
+        """Lines that put the command into its ring, or take u out of it."""
+        names = [local("c", q) for q in leaves(self.shapes["c"])]
+        size = -(-self.lag//self.m) + 1
+        if write:
+            self.rings += [0.0]*(size*len(names))
+        else:
+            self.shapes["u"] = self.shapes["c"]
+        at = f"count%{size}*{len(names)}" if write else f"(k - {self.lag})//m%{size}*{len(names)}"
+        for i, q in enumerate(names):
+            where = f"R[{at} + {i}]"
+            self.write(f"{where} = {q}" if write else f"u{q[1:]} = {where}")
+
+    def act(self):
+        """The control that is due now."""
+        self.ring(write=False)
+
+    def advance(self, nodes):
+        """One Runge-Kutta step of the plant; u is held, a perturbation without memory is not."""
+        n = range(len(self.x))
+        for j, (c, _) in enumerate(nodes):
+            alias = {}
+            if j:
+                alias = {"t": "t_node", "x": "h"}
+                self.write(f"t_node = t + {c!r}*dt")
+                for i in n:
+                    self.write(f"h_{i} = x_{i} + {c!r}*dt*rate_{j - 1}[{i}]")
+                if "perturbation" not in self.held_world:
+                    self.stage("perturbation", "d", alias=alias)
+            self.write(f"rate_{j} = {self.call('plant', alias)}")
+        for i in n:
+            terms = [f"{w!r}*rate_{j}[{i}]" if w != 1.0 else f"rate_{j}[{i}]"
+                     for j, (_, w) in enumerate(nodes) if w]
+            rate = f"({' + '.join(terms)})" if len(terms) > 1 else terms[0]
+            self.write(f"x_{i} = x_{i} + dt*{rate}")
+
+    # ---- lines -----------------------------------------------------------------------------
+    def written(self, write, *args):
+        """The lines that a method writes."""
+        self.lines = []
+        write(*args)
+        return self.lines
+
+    def write(self, source, where="", given=()):
+        """Append a line and try it; an error names the block, its line and what it was given."""
+        try:
+            exec(source, self.values)
+        except Exception as why:
+            shapes = {n: self.values_of(n) for n in given if n in self.shapes}
+            told = ", ".join(f"{n} = {said(v)} ({kind(v)})" for n, v in shapes.items())
+            told = f" It was given {told}" if told else ""
+            raise BlockError(f"{where} fails at t = 0{place(why)}: {type(why).__name__}: {why}."
+                             + told + way_out(why, shapes)) from why
+        self.lines.append(source)
+        self.trial.append(source)
+
+    def values_of(self, name):
+        """Value of a signal in the trial."""
+        return eval(self.text(name), self.values)
+
+    def text(self, name, channel=None, alias=None):
+        """Text of a signal, or of one channel of it."""
+        s = self.shapes[name] if channel is None else self.shapes[name][channel]
+        path = "" if channel is None else f"[{channel}]"
+        return text(s, (local(alias or name, path + q) for q in leaves(s)))
+
+    def assign(self, name, source):
+        """Set the leaves of a signal from the text of an expression."""
+        self.write(f"out = {source}")
+        self.shapes[name] = shape(self.values["out"])
+        for q in leaves(self.shapes[name]):
+            self.write(f"{local(name, q)} = float(out{q})")
+
+    def stage(self, stage, gives, passes="", alias=None):
+        """One stage: `gives` = block(...); where there is no block the signal `passes`, or zero."""
+        if self.stages[stage]:
+            self.assign(gives, self.call(stage, alias or {}))
+        elif gives != passes:
+            self.assign(gives, self.text(passes) if passes else "0.0")
+
+    # ---- blocks ----------------------------------------------------------------------------
+    def call(self, stage, alias):
+        """Call the blocks of a stage; return the text of its output."""
+        self.numbers = {"part": 0, "p": 0, "z": 0}
+        return self.called(stage, self.stages[stage], stage, None, alias)
+
+    def called(self, stage, b, path, channel, alias):
+        """Call a block, or channels of blocks; return the text of what they give."""
+        if not isinstance(b, Channels):
+            return self.block(stage, b, path, channel, alias)
+        channel = [None if stage == "probe" else i for i in range(len(b.parts))]
+        results = [self.called(stage, part, f"{path}__{name}", i, alias)
+                   for i, (name, part) in zip(channel, b.parts.items(), strict=True)]
+        return "(" + "".join(f"{q}, " for q in results) + ")"
+
+    def seen(self, stage, signal):
+        """The name under which a stage finds a signal: the control sees what the sensor gives."""
+        if stage in SAMPLED and self.stages["sensor"] and stage != "sensor":
+            signal = {"y": "y_m", "e": "e_m"}.get(signal, signal)
+        if signal in ("e", "e_m") and self.stages["differentiator"] and stage in ESTIMATED:
+            return "e_hat"
+        return self.command if signal == "u" and stage == "actuator" else signal
+
+    def block(self, stage, b, path, channel, alias):
+        """Call one block; return the text of what it gives."""
+        where, numbers = f"{stage} '{b.name}'", self.numbers
+        mark = f"_{numbers['part']}"*hasattr(self.stages[stage], "parts")
+        name = re.sub(r"\W", "_", f"{stage}_{b.name}") + mark
+        states = self.memory(stage, b, where)
+        asked = [self.seen(stage, n) for n in b.signals]
+        own = {"z": "(" + "".join(f"{q}, " for q in states) + ")", "tau": "tau",
+               "t": alias.get("t", "t"), "k": "count", "salt": str(zlib.crc32(path.encode()))}
+        try:
+            args = [own.get(n) or self.text(n, channel if n != "x" else None, alias.get(n))
+                    for n in asked]
+        except (TypeError, IndexError):
+            told = (f"{n} = {said(self.values_of(n))}" for n in asked if n in self.shapes)
+            raise BlockError(f"{where}: a signal it asks for has no channel {channel}: "
+                             + ", ".join(told)) from None
+        args += [f"p_{stage}_{numbers['p'] + j}" for j in range(len(b.params))]
+        if name not in self.functions and (source := draws(b.f)):
+            raise BlockError(f"{where} draws random numbers with {source}, which no run repeats; "
+                             "draw them once (noise = "
+                             "np.random.default_rng(1).standard_normal(1000)) and read noise[...] "
+                             "in the block")
+        self.functions[name], self.places[name] = (b.f, where), (stage, numbers["part"])
+        self.values[name] = b.f
+        result = f"out_{stage}{mark}"
+        self.write(f"{result} = {name}({', '.join(args)})", where, asked)
+        check(where, self.values[result], tuple(b.states), stage)
+        self.trial.append(f"check({where!r}, {result}, {tuple(b.states)!r}, {stage!r})")
+        for j, q in enumerate(states):
+            self.write(f"{q} = float({result}[1][{j}])")
+        numbers["part"], numbers["p"] = numbers["part"] + 1, numbers["p"] + len(b.params)
+        numbers["z"] += len(b.states)
+        return f"{result}[0]" if states else result
+
+    def memory(self, stage, b, where):
+        """The variables of the states of a block, which has to ask for what its stage offers."""
+        s = STAGES[stage]
+        memory = s.memory and stage != "plant"
+        offered = s.asks + OWN*(memory and (s.when == "tau" or bool(b.states)))
+        if wrong := [n for n in b.signals if n not in offered]:
+            allowed = ", ".join((*s.asks, *OWN*(memory and s.when == "tau")))
+            raise BlockError(f"{where} asks for {listed(wrong)}; it may ask for {allowed}")
+        if stage == "plant" and not b.states:
+            raise BlockError(f"{where} names no state: @block(state=dict(...))")
+        if b.states and stage != "plant" and not (memory and "z" in b.signals):
+            raise BlockError(f"{where} names a state ({listed(b.states)}), but "
+                             + ("does not ask for z" if memory else "this stage has no memory"))
+        first = self.numbers["z"]
+        return [f"z_{stage}_{first + j}" for j in range(len(b.states))] if memory else []
+
+
+def written(loop: Any, method: str, tau: float, m: int, lag: int = 0) -> Program:
+    """Write the program of a loop.
+
+    Parameters
+    ----------
+    loop : ClosedLoop
+    method : str
+        Of integration, one of `METHODS`.
+    tau : float
+        Sampling step [s].
+    m : int
+        Integration steps in a sampling step.
+    lag : int
+        Integration steps until a control acts.
+
+    Raises
+    ------
+    BlockError
+        A block that does not fit its stage or fails at t = 0.
+    """
+    w = _Writer(loop, method, tau, m, lag)
+    names = {s: [local(s, q) for q in leaves(w.shapes[s])] for s in w.shapes}
+    law = loop.stages["law"] is not None
+    recorded = [s for s in SIGNALS[1:] if s in w.shapes]
+    meters = [(meter, q) for meter in METERS for s in meter.of if s != "v" or law for q in names[s]]
+    held = [q for s in SAMPLED if STAGES[s].gives in w.shapes for q in names[STAGES[s].gives]]
+    held += [q for s in w.held_world for q in names[STAGES[s].gives]]
+    held += [q for s in ("e_m",) if s in names for q in names[s]]
+    watched = names["sigma"] + names["u"]
+    state = dict.fromkeys([*w.x, *w.z, *dict.fromkeys(held)], 0.0) | w.start
+    state |= {f"{meter.name}_{q}": meter.start for meter, q in meters}
+    columns = ["t", *(q for s in recorded for q in names[s]), *w.x, *w.z,
+               *(f"{b}_{q}" for q in watched for b in ("low", "high")),
+               *(f"integral_{q}" for q in names["v"] if law), *names.get("probe", [])]
+    bounds = limits("y", w.shapes["y"], loop.metadata("y"))
+    bounds += [q for n, meta in zip(w.x, loop.stages["plant"].states.values(), strict=True)
+               for q in limits(n, None, meta)]
+    seen = [*(names["e_hat"] if loop.stages["differentiator"] else []), *names.get("y_m", [])]
+    # a NaN in these ends the run unrecorded
+    driven = dict.fromkeys([*seen, *names["sigma"], *names["v"], *names[w.command], *w.z])
+    every = [*w.x, *names["e"], *names["d"]]
+    full = [f"{path}__{n}" for s, b in loop.stages.items() for path, p in paths(s, b)
+            for n in p.params]
+    kinds = [k for b in loop.stages.values() if b for k in b.kinds.values()]
+    return Program(
+        segments={n: tuple(map(line, q)) for n, q in w.segments.items()},
+        functions=w.functions, places=w.places, params=dict(zip(w.params, full, strict=True)),
+        x=w.x, z=w.z, held=tuple(dict.fromkeys(held)), shapes=w.shapes,
+        leaves=_leaves(loop, w.shapes), meters=tuple(meters), state=state, columns=tuple(columns),
+        inside=" and ".join([f"{' + '.join(f'abs({q})' for q in every)} <= {LIMIT!r}", *bounds]),
+        driven=f"{' + '.join(f'abs({q})' for q in driven)} <= {LIMIT!r}",
+        rings=tuple(w.rings), lag=lag,
+        kinds=dict(zip(w.params, kinds, strict=True)), trial=tuple(w.trial), values=w.values)
+
+
+def _leaves(loop: Any, shapes: dict[str, Any]) -> dict[str, tuple[Leaf, ...]]:
+    """The leaves of all signals of a loop."""
+    plant, output = loop.stages["plant"], loop.stages["output"]
+    nested = shapes["e"] is not None and any(v is not None for v in shapes["e"])
+    channels = nested or loop.stages["law"] is not None and shapes["v"] is not None
+    names = () if output or len(plant.states) == 1 else tuple(plant.states)
+    made = {}
+    for s in (*SIGNALS[1:], "e_m", "probe"):
+        if s not in shapes:
+            continue
+        outward = s in ("r", "y", "y_m", "e", "e_m")
+        states = names if outward and shapes[s] == shapes["x"] else ()
+        metas = loop.metadata(s) if output or not outward else tuple(plant.states.values())
+        many = bool(states) or s in ("v", "u", "d", "probe") or s == "sigma" and channels
+        made[s] = found(s, shapes[s], metas, many, states)
+    return made

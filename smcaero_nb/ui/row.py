@@ -1,0 +1,220 @@
+"""A row of a mask: the controls of one parameter, and what the page says about its slider."""
+
+import functools
+import math
+import re
+from collections.abc import Callable
+from typing import Any, get_args
+
+import ipywidgets as W
+
+from ..core import Param
+from .text import label
+
+__all__ = ["Row", "css_class", "written"]
+
+
+def css_class(name: str) -> str:
+    """Return the name of a control as a CSS class, which has no blanks."""
+    return "-".join(name.split())
+
+
+def written(value: Any) -> str:
+    """Return a number as an entry shows it; of a list, the choice."""
+    if isinstance(value, str):
+        return value
+    return re.sub(r"e([+-])0*", lambda m: "e" + m[1].strip("+"), f"{value:.6g}")
+
+
+def _span(meta, value):
+    """Range of the slider: the declared one; otherwise the bounds; otherwise around the value.
+
+    It is also around a value that is less than three steps from zero.
+    """
+    low, high = meta.slider or (meta.low, meta.high)
+    reach = 4*abs(value) or 1.0
+    fine = meta.log or isinstance(value, int) or not math.isfinite(high - low)
+    if not fine and 0.0 < abs(value) < 3*_step(high - low):
+        low, high = max(low, -reach), min(high, reach)
+    low = low if math.isfinite(low) else min(0.0 if value > 0 else -reach, high - reach)
+    high = high if math.isfinite(high) else max(0.0 if value < 0 else reach, low + reach)
+    if meta.log and low <= 0.0:
+        low = 1e-4*high
+    return min(low, value) if value > 0.0 or not meta.log else low, max(high, value)
+
+
+def _step(span):
+    """About a two-hundredth of the range: 1, 2 or 5 times a power of ten."""
+    power = 10.0**math.floor(math.log10((span or 1.0)/200))
+    return power*next(m for m in (1, 2, 5, 10) if m*power >= 0.999*span/200)
+
+
+class Row:
+    """The controls of one parameter: slider and text entry, checkbox, or list of choices.
+
+    Parameters
+    ----------
+    name : str
+        Of the parameter.
+    meta : Param
+    value : float, int, bool or str
+    kind : type
+        float, int, bool or a Literal of texts.
+    asked : callable
+        ``asked(name, value)`` is called with what the user asks for.
+    shared : dict
+        Layout and styles that all rows share.
+    grid : float or None
+        Step of the slider of a time that is counted in samples [s].
+
+    Attributes
+    ----------
+    box, widget, entry : ipywidgets.Widget
+        The whole row, its slider, checkbox or list, and its entry, which only numbers have.
+    value
+        The value shown.
+    log : bool
+        Whether the slider is logarithmic.
+    refused : bool
+        Whether the row is marked as refused.
+    told : list of float
+        Positions of the slider that the page has been sent and may still answer.
+    """
+
+    widget: Any  # only a slider has limits and a step
+
+    def __init__(self, name: str, meta: Param, value: Any, kind: Any,
+                 asked: Callable[[str, Any], object], shared: dict[str, Any], grid: float | None):
+        say = dict(description=label(name, meta), tooltip=meta.help, layout=shared["layout"])
+        self.meta, self.kind, self.entry, self.told = meta, kind, None, []
+        self.value, self.refused = value, False
+        self._placed = self._written = None  # where a program has put slider and entry
+        self._ask = functools.partial(asked, name)
+        if kind is bool:
+            self.widget = self.box = W.Checkbox(value, indent=False, **say)
+        elif get_args(kind):
+            self.widget = self.box = W.Dropdown(options=get_args(kind), value=value, **say)
+        else:
+            self.widget = self._slider(grid, dict(say, readout=False, style=shared["slider"]))
+            self.entry = W.Text(continuous_update=False, tooltip=meta.help, layout=shared["layout"],
+                                style=shared["text"])
+            self.entry.observe(self._entered, "value")
+            self.box = W.HBox([self.widget, self.entry], layout=shared["layout"])
+        self.log = isinstance(self.widget, W.FloatLogSlider)
+        self.widget.observe(self._slid, "value")
+        for mark in ("row", f"set-{css_class(name)}"):
+            self.box.add_class(f"smcaero-{mark}")
+
+    def _slider(self, grid, look):
+        meta = self.meta
+        low, high = _span(meta, self.value)
+        step = _step(high - low)
+        if meta.samples and grid:  # a slider that stops at multiples of it only
+            low, high, step = grid, grid*max(round(high/grid), 1), grid
+        if self.kind is int:
+            return W.IntSlider(self.value, math.floor(low), math.ceil(high), **look)
+        if meta.log:
+            a, b = math.log10(low), math.log10(high)
+            return W.FloatLogSlider(10.0**a, min=a, max=b, step=_step(b - a), **look)
+        return W.FloatSlider(low, min=low, max=high, step=step, **look)
+
+    def _entered(self, change):
+        if change.new != self._written:
+            self._ask(self.typed(change.new))
+
+    def _slid(self, change):
+        if change.new != self._placed and self.moved(change.new):
+            self._ask(self.slid(change.new))
+
+    def place(self, v: float) -> float:
+        """Return the position of `v` on the slider, in steps."""
+        if self.log:
+            v = math.log10(max(v, 10.0**self.widget.min))
+        return v/self.widget.step
+
+    def moved(self, v: float) -> bool:
+        """Return whether the user moved the slider.
+
+        The page echoes what it is sent, rounded and sometimes late; an echo is not a move.
+        """
+        if not (self.entry and self.from_page()):
+            return True
+        if abs(self.place(v) - self.place(self.value)) < 0.5:
+            return False
+        late = [q for q in self.told if abs(self.place(v) - q) < 0.5]
+        self.told = [q for q in self.told if q not in late] if late else []
+        if late:
+            self.put(self.value)
+        return not late
+
+    def from_page(self) -> bool:
+        """Return whether the page, not a program, is setting the slider."""
+        return "value" in self.widget._property_lock
+
+    def slid(self, v: Any) -> Any:
+        """Return the slider's value within the bounds, without digits that a step cannot mean."""
+        if self.entry and self.from_page():
+            v = self.kind(f"{v:.3g}" if self.log else f"{v:.6g}")
+        return min(max(v, self.meta.low), self.meta.high) if self.entry else v
+
+    def typed(self, text: str) -> float | str:
+        """Return the number that a text says, or the text, which validation then refuses."""
+        try:
+            return float(text)
+        except ValueError:
+            return text.strip()
+
+    def show(self, value: Any, pull: bool = False) -> None:
+        """Show a value in the entry, unless what was typed says the same, and on the slider.
+
+        A handle that is being dragged stays where it is, unless it is to be pulled back.
+        """
+        self.mark(False)
+        self.value = value
+        if self.entry is None:
+            self._placed = self.widget.value = value
+            return
+        same = self.typed(self.entry.value) == value
+        self._written = self.entry.value if same else written(value)
+        self.entry.value = self._written
+        if self.from_page() and not pull:
+            self._placed = self.widget.value
+            return  # an answer would pull the handle back
+        if self.told[-1:] != [self.place(value)]:
+            self.told = [*self.told[-30:], self.place(value)]
+        self.put(value)
+
+    def at(self, value: float) -> float:
+        """Return the slider's value for `value`: the nearest of its steps."""
+        w, place = self.widget, self.place(value)*self.widget.step
+        if w.min < place < w.max:
+            place = float(f"{w.min + w.step*round((place - w.min)/w.step):.12g}")
+        place = min(max(place, w.min), w.max)
+        return 10.0**place if self.log else self.kind(place)
+
+    def put(self, value: float) -> None:
+        """Put the slider on the nearest of its steps, so that the page has little to answer."""
+        self._placed = self.at(value)
+        self.widget.value = self._placed
+
+    def true(self) -> bool:
+        """Return whether the row shows its value, as far as steps allow, or what was refused."""
+        if self.refused or self.entry is None:
+            return self.refused or self.widget.value == self.value
+        near = abs(self.place(self.widget.value) - self.place(self.at(self.value))) < 0.75
+        text = self.entry.value
+        return near and (text == written(self.value) or self.typed(text) == self.value)
+
+    def mend(self, value: Any, page: bool) -> None:
+        """Show `value` where Ctrl-C left something else; send it to the page too, if `page`."""
+        if self.value != value or not self.true():
+            self.show(value, pull=True)
+        for w in filter(None, (self.widget, self.entry)) if page else ():
+            w.send_state("value")
+
+    def mark(self, refused: bool) -> None:
+        """Mark the entry as refused, or not; what is refused may be asked for again."""
+        self.refused = refused
+        if refused:
+            self._placed = self._written = None
+        (self.box.add_class if refused else self.box.remove_class)("smcaero-refused")
