@@ -11,6 +11,9 @@ endif
 PYTEST := -m pytest -n logical --maxprocesses 8 --dist loadfile $(ARGS)
 CHROMIUM ?= $(shell command -v chromium || command -v chromium-browser || command -v google-chrome)
 
+# Its version is pinned: it need not ask the network for a newer one.
+export PYRIGHT_PYTHON_IGNORE_WARNINGS := 1
+
 .PHONY: help lab test test-oldest browser-test bench clean
 help:
 	@echo 'make lab            open JupyterLab on the start page   (ARGS="--no-browser --port=8899" is passed on)'
@@ -28,8 +31,10 @@ lab: $(VENV)/.ready
 	    $(if $(filter 0,$(shell id -u)),--allow-root) $(ARGS)
 
 test: $(VENV)/.ready
-	@echo 'Checking style, imports between modules, and that notebooks are stored without outputs ...'
+	@echo 'Checking style, types, imports between modules, and that notebooks are stored without outputs ...'
 	@$(BIN)/ruff check --quiet || { echo 'Style: ruff found the above ("$(BIN)/ruff check --fix" mends most of it).'; exit 1; }
+	@said=$$($(BIN)/python -m pyright --pythonpath $(BIN)/python 2>&1) || { echo "$$said"; \
+	    echo 'Types: pyright found the above (its settings are in pyproject.toml).'; exit 1; }
 	@said=$$($(BIN)/lint-imports --no-logo 2>&1) || { echo "$$said"; \
 	    echo 'Imports: a module imports what it must not, see above (the contracts are in pyproject.toml).'; exit 1; }
 	@find notebooks -name '*.ipynb' ! -path '*/.*' -exec $(BIN)/nbstripout --keep-id --verify {} + || { \
@@ -53,7 +58,7 @@ bench: $(VENV)/.ready
 	@$(BIN)/python tests/bench/bench.py $(ARGS)
 
 clean:
-	rm -rf .venv .venv-oldest build *.egg-info
+	rm -rf .venv .venv-oldest dist build *.egg-info .coverage
 	rm -rf .pytest_cache .ruff_cache .import_linter_cache .hypothesis
 	find . -name __pycache__ -prune -exec rm -rf {} +
 	find . -name .ipynb_checkpoints -prune -exec rm -rf {} +

@@ -1,4 +1,5 @@
-"""What all tests share: a cache of compiled loops of the session's own, and runs that several tests look at."""
+"""What all tests share: a cache of compiled loops of the session's own, and runs that several tests
+look at."""
 
 import os
 import pathlib
@@ -16,7 +17,8 @@ settings.load_profile("kit")
 
 @pytest.fixture(scope="session", autouse=True)
 def compiled_loops(tmp_path_factory):
-    """Keep the compiled loops of this session apart from the user's, also those of the processes that tests start."""
+    """Keep the compiled loops of this session apart from the user's, also those of the processes
+    that tests start."""
     before = os.environ.get("SMCAERO_CACHE_DIR")
     os.environ["SMCAERO_CACHE_DIR"] = str(tmp_path_factory.mktemp("loops"))
     yield
@@ -44,7 +46,8 @@ def new_python():
 
 @pytest.fixture(scope="session")
 def runs():
-    """Runs of the launch vehicle as documented (30 s, dt = 1e-4 s), each simulated once however many tests ask for it."""
+    """Runs of the launch vehicle as documented (30 s, dt = 1e-4 s), each simulated once however
+    many tests ask for it."""
     made = {}
 
     def run(law, preset="recommended", **changes):

@@ -1,5 +1,6 @@
-"""Print the oldest versions that pyproject.toml allows: each requirement name>=X as name==X."""
+"""Print the oldest versions that pyproject.toml allows: name>=X or name[extra]>=X as name==X."""
 
+import re
 import tomllib
 from pathlib import Path
 
@@ -7,4 +8,4 @@ text = (Path(__file__).parents[1] / "pyproject.toml").read_text(encoding="utf-8"
 project = tomllib.loads(text)["project"]
 for needs in project["dependencies"], *project["optional-dependencies"].values():
     for need in needs:
-        print(need.replace(">=", "=="))
+        print(re.sub(r"(\[\w+\])?>=", "==", need))

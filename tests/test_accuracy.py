@@ -12,26 +12,32 @@ from smcaero_nb.applications import perturbed_chain
 
 
 @pytest.mark.parametrize(("law", "r", "order"), [
-    (smc1.sign_smc, 1, 1), (smc1.dual_layer_smc, 1, 1), (smc2.super_twisting, 1, 2), (smc2.twisting, 1, 2),
-    (hosmc.quasi_continuous(2), 2, 2), (hosmc.quasi_continuous(3), 3, 3), (hosmc.quasi_continuous(4), 4, 4),
-    (hosmc.quasi_continuous(5), 5, 5), (hosmc.nested(3), 3, 3)], ids=lambda q: getattr(q, "name", ""))
+    (smc1.sign_smc, 1, 1), (smc1.dual_layer_smc, 1, 1), (smc2.super_twisting, 1, 2),
+    (smc2.twisting, 1, 2),
+    (hosmc.quasi_continuous(2), 2, 2), (hosmc.quasi_continuous(3), 3, 3),
+    (hosmc.quasi_continuous(4), 4, 4),
+    (hosmc.quasi_continuous(5), 5, 5), (hosmc.nested(3), 3, 3)],
+                         ids=lambda q: getattr(q, "name", ""))
 def test_order_of_the_laws(law, r, order):
     found = accuracy(perturbed_chain(law, r))
     assert found.order == order and found.why == ""
     assert found.slopes == pytest.approx([order - i for i in range(len(found.slopes))], abs=0.25)
     assert len(found.names) == r and found.sizes.shape == (r, 5)
-    assert found.explain().startswith(f"Sliding of order {order}: |sigma| ~ tau^{found.slopes[0]:.2f}")
+    assert found.explain().startswith(f"Sliding of order {order}: |sigma| ~ "
+                                      f"tau^{found.slopes[0]:.2f}")
 
 
 def test_several_inputs():
-    for law, names in ((smc1.unit_vector, ("sigma[0]", "sigma[1]")), (signs(), ("sigma[0]", "sigma[1]"))):
+    for law, names in ((smc1.unit_vector, ("sigma[0]", "sigma[1]")),
+                       (signs(), ("sigma[0]", "sigma[1]"))):
         found = accuracy(loop_of_two(law, a=0.7, b=0.4), 10.0, 1e-3)
         assert found.names == names and found.order == 1
 
 
 def test_what_hides_the_order():
     layer = accuracy(perturbed_chain(smc1.quasi_smc, 1))
-    assert layer.order is None and abs(layer.slopes[0]) < 0.01 and "does not come from sampling" in str(layer)
+    assert (layer.order is None and abs(layer.slopes[0]) < 0.01
+            and "does not come from sampling" in str(layer))
     lag = accuracy(applications.dc_motor("super_twisting"))  # the motor's inductance
     assert lag.order != 2 and lag.slopes[0] < 1.5
 
@@ -40,7 +46,8 @@ def test_what_is_left_out_is_said():
     loop = perturbed_chain(hosmc.quasi_continuous(3), 3)
     early = accuracy(loop, 6.0)
     assert early.order is None and all(map(math.isnan, early.slopes))
-    assert early.explain().startswith("No order of sliding was found: tau = 0.004") and "still converging" in early.why
+    assert (early.explain().startswith("No order of sliding was found: tau = 0.004")
+            and "still converging" in early.why)
     lost = accuracy(smc.lv.loop("quasi_smc", "paper"), 20.0, 1e-3)
     assert lost.order is None and "diverged" in lost.why
 
@@ -58,8 +65,10 @@ def test_progress_and_cancel():
 
 
 @pytest.mark.parametrize(("call", "message"), [
-    (lambda: accuracy(perturbed_chain(smc1.sign_smc, 1), factors=(1.0, 2.0, 1.0, 0.5)), "at least four different numbers"),
-    (lambda: accuracy(perturbed_chain(smc1.sign_smc, 1), factors=(1.0, 2.0, 0.0, 0.5)), r"factors\[2\] = 0 is not allowed"),
+    (lambda: accuracy(perturbed_chain(smc1.sign_smc, 1), factors=(1.0, 2.0, 1.0, 0.5)),
+     "at least four different numbers"),
+    (lambda: accuracy(perturbed_chain(smc1.sign_smc, 1), factors=(1.0, 2.0, 0.0, 0.5)),
+     r"factors\[2\] = 0 is not allowed"),
     (lambda: accuracy(perturbed_chain(smc1.sign_smc, 1).with_(law=None)), "no law"),
     (lambda: accuracy(perturbed_chain(smc1.sign_smc, 1).with_(dt=None)), "dt .s. is not given")])
 def test_bad_input(call, message):
@@ -74,4 +83,5 @@ def test_a_loop_that_ends_before_its_second_half_has_no_order():
         return 1.0 - t
 
     found = accuracy(perturbed_chain(smc1.sign_smc, 1).with_(stop=early), duration=4.0)
-    assert found.order is None and np.isnan(found.sizes).all() and "ended before its second half" in str(found)
+    assert (found.order is None and np.isnan(found.sizes).all()
+            and "ended before its second half" in str(found))

@@ -1,4 +1,5 @@
-"""The Binder image: repo2docker finds the folder and renders it as meant; its versions are those of constraints.txt."""
+"""The Binder image: repo2docker finds the folder and renders it as meant; its versions are those of
+constraints.txt."""
 
 import os
 import re
@@ -35,7 +36,8 @@ def test_scripts_are_executable_shell(name):
 
 
 def test_what_is_compiled_at_build_is_found_at_start():
-    cpu = [re.findall(r"^export (NUMBA_.*)", (BINDER / name).read_text(), re.M) for name in ("postBuild", "start")]
+    cpu = [re.findall(r"^export (NUMBA_.*)", (BINDER / name).read_text(), re.M)
+           for name in ("postBuild", "start")]
     assert cpu[0] == cpu[1] != []
 
 

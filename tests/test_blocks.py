@@ -1,4 +1,5 @@
-"""Blocks: signals by name, parameters by annotation, states by name, families, channels, use as plain Python."""
+"""Blocks: signals by name, parameters by annotation, states by name, families, channels, use as
+plain Python."""
 
 import functools
 import math
@@ -10,14 +11,24 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 import smcaero_nb as smc
-from smcaero_nb import BlockError, Channels, ClosedLoop, Param, ParameterError, block, channels, simulate
+from smcaero_nb import (
+    BlockError,
+    Channels,
+    ClosedLoop,
+    Param,
+    ParameterError,
+    block,
+    channels,
+    simulate,
+)
 from smcaero_nb.core import signal, stages
 
 GAIN = Param("k", "N/m", low=0.0, high=5.0, help="a gain")
 
 
 @block
-def law(sigma, k: Annotated[float, GAIN] = 2.0, order: Annotated[int, Param("n", low=1, high=3)] = 2,
+def law(sigma, k: Annotated[float, GAIN] = 2.0,
+        order: Annotated[int, Param("n", low=1, high=3)] = 2,
         on: Annotated[bool, Param("on")] = True) -> Param("v", "N"):
     """Linear law, for tests."""
     return k*sigma*order if on else 0.0
@@ -39,7 +50,7 @@ def minus(x):
     return -x[0]
 
 
-# ---- declaration ---------------------------------------------------------------------------------------------------
+# ---- declaration ---------------------------------------------------------------------------------
 def test_signals_parameters_kinds_and_output_come_from_the_signature():
     assert law.signals == ("sigma",)
     assert list(law.params) == ["k", "order", "on"]
@@ -81,8 +92,9 @@ def test_metadata_are_found_however_they_are_written():
     assert several.output == (GAIN, (Param("w"), None))
 
 
-@pytest.mark.parametrize(("default", "words"), [(math.nan, "nan"), (9.0, "from 0 to 5 N/m"), ("2", "'2'"), (None, "None"),
-                                                (True, "True")])
+@pytest.mark.parametrize(("default", "words"),
+                         [(math.nan, "nan"), (9.0, "from 0 to 5 N/m"), ("2", "'2'"), (None, "None"),
+                          (True, "True")])
 def test_a_default_has_to_be_allowed(default, words):
     with pytest.raises(ParameterError, match="k = ") as why:
         @block
@@ -92,7 +104,8 @@ def test_a_default_has_to_be_allowed(default, words):
 
 
 def test_initial_states_are_validated_too():
-    with pytest.raises(ParameterError, match=r"w = 2 N is not allowed; it must be a finite number from -1 to 1 N"):
+    with pytest.raises(ParameterError,
+                       match=r"w = 2 N is not allowed; it must be a finite number from -1 to 1 N"):
         remembers.with_(w=2)
     with pytest.raises(ParameterError, match="w = nan"):
         @block(state=dict(w=math.nan))
@@ -114,7 +127,7 @@ def test_a_declaration_that_contradicts_itself_is_refused():
             block(thing)
 
 
-# ---- with_ ---------------------------------------------------------------------------------------------------------
+# ---- with_ ---------------------------------------------------------------------------------------
 def test_with_gives_a_copy_and_leaves_the_block_alone():
     other = law.with_(k=1, order=3, on=False)
     assert other.values == dict(k=1.0, order=3, on=False)
@@ -124,7 +137,8 @@ def test_with_gives_a_copy_and_leaves_the_block_alone():
 
 
 @given(st.one_of(st.floats(), st.integers(), st.booleans(), st.none(), st.text(max_size=3),
-                 st.fractions().map(float), st.floats(0, 5).map(np.float64), st.integers(0, 5).map(np.int64),
+                 st.fractions().map(float), st.floats(0, 5).map(np.float64),
+                 st.integers(0, 5).map(np.int64),
                  st.complex_numbers(), st.just(10**400)))
 def test_with_takes_exactly_the_numbers_that_the_metadata_allow(value):
     number = isinstance(value, (int, float, np.integer)) and not isinstance(value, bool)
@@ -153,7 +167,8 @@ def test_whole_numbers_and_switches(value):
             law.with_(order=value)
 
 
-@given(st.floats(allow_nan=False, allow_infinity=False), st.floats(allow_nan=False, allow_infinity=False))
+@given(st.floats(allow_nan=False, allow_infinity=False),
+       st.floats(allow_nan=False, allow_infinity=False))
 def test_the_message_tells_a_value_from_the_bound_next_to_it(low, width):
     high = low + abs(width)
     value = math.nextafter(high, math.inf)
@@ -183,7 +198,7 @@ def test_repr_says_values_and_units():
     assert repr(remembers.with_(gain=0.1)) == "remembers(gain=0.1 N/m, w=0.5 N, n=0)"
 
 
-# ---- a block is a plain function ---------------------------------------------------------------------------------
+# ---- a block is a plain function -----------------------------------------------------------------
 def test_a_block_can_be_called_as_plain_python():
     assert law(3.0) == 12.0
     assert law.with_(k=1.0)(3.0) == 6.0
@@ -246,7 +261,8 @@ def test_families_of_blocks_do_not_mix():
 @pytest.mark.parametrize("jit", [True, False])
 def test_whole_numbers_and_switches_arrive_as_such(jit):
     @block
-    def repeats(sigma, n: Annotated[int, Param("n", low=0, high=9)] = 2, doubled: Annotated[bool, Param("2")] = False):
+    def repeats(sigma, n: Annotated[int, Param("n", low=0, high=9)] = 2,
+                doubled: Annotated[bool, Param("2")] = False):
         v = 0.0
         for _ in range(n):  # a float would fail here
             v += sigma
@@ -259,7 +275,7 @@ def test_whole_numbers_and_switches_arrive_as_such(jit):
             assert run.u[0] == n*(1 + doubled)
 
 
-# ---- wiring ----------------------------------------------------------------------------------------------------------
+# ---- wiring --------------------------------------------------------------------------------------
 def test_signals_are_wired_by_name_whatever_their_order():
     @block
     def shuffled(e, t, sigma, y, r):
@@ -273,7 +289,8 @@ def test_signals_are_wired_by_name_whatever_their_order():
     def double(e):
         return 2.0*e
 
-    run = simulate(ClosedLoop(integrator, reference=five, output=minus, surface=double, law=shuffled), 0.5, 0.5, jit=False)
+    run = simulate(ClosedLoop(integrator, reference=five, output=minus, surface=double,
+                              law=shuffled), 0.5, 0.5, jit=False)
     r, y, e = 5.0, -1.0, 6.0
     assert (run.r[0], run.y[0], run.e[0], run.sigma[0]) == (r, y, e, 12.0)
     assert run.u[0] == r + 10*y + 100*e + 1000*12.0
@@ -281,32 +298,40 @@ def test_signals_are_wired_by_name_whatever_their_order():
 
 #: What each stage may ask for.
 OWN = ("z", "tau", "k", "salt")
-STAGES = dict(reference="t", output="t x u d", sensor="t y z tau k salt", differentiator="t r y e u z tau k salt",
+STAGES = dict(reference="t", output="t x u d", sensor="t y z tau k salt",
+              differentiator="t r y e u z tau k salt",
               surface="t r y e u z tau k salt", law="t r y e sigma u z tau k salt",
-              allocation="t r y e sigma v u z tau k salt", actuator="t y u z tau k salt", perturbation="t x",
+              allocation="t r y e sigma v u z tau k salt", actuator="t y u z tau k salt",
+              perturbation="t x",
               plant="t x u d", stop="t x", probe="t x u d r y e")
 
 
 @pytest.mark.parametrize("stage", STAGES)
 def test_a_misspelt_signal_is_an_error_that_lists_the_allowed_ones(stage):
     namespace = {"block": block}
-    exec("@block(state=dict(x=0.0))\ndef misspelt(sgima, u, d): return (0.0,)" if stage == "plant" else
+    exec("@block(state=dict(x=0.0))\ndef misspelt(sgima, u, d): return (0.0,)" if stage == "plant"
+         else
          "@block\ndef misspelt(sgima): return 0.0", namespace)
     loop = ClosedLoop(**{"plant": integrator, "output": minus, stage: namespace["misspelt"]})
     with pytest.raises(BlockError) as why:
         simulate(loop, 1.0, 0.5)
-    assert str(why.value) == f"{stage} 'misspelt' asks for sgima; it may ask for {STAGES[stage].replace(' ', ', ')}"
+    assert (str(why.value)
+            == f"{stage} 'misspelt' asks for sgima; it may ask for "
+               f"{STAGES[stage].replace(' ', ', ')}")
 
 
 @pytest.mark.parametrize(("stage", "forbidden"), [
-    *((s, "x") for s in ("reference", "differentiator", "surface", "law", "allocation", "actuator")),
+    *((s, "x")
+      for s in ("reference", "differentiator", "surface", "law", "allocation", "actuator")),
     *((s, "d") for s in ("differentiator", "surface", "law", "allocation", "actuator")),
-    ("surface", "sigma"), ("law", "v"), ("output", "e"), ("output", "v"), ("plant", "e"), ("perturbation", "u")])
+    ("surface", "sigma"), ("law", "v"), ("output", "e"), ("output", "v"), ("plant", "e"),
+    ("perturbation", "u")])
 def test_no_stage_can_look_where_it_must_not(stage, forbidden):
     namespace = {"block": block}
     exec(f"@block\ndef peeks({forbidden}): return 0.0", namespace)
     loop = ClosedLoop(integrator, output=minus) if stage != "plant" else None
-    with pytest.raises(BlockError, match=rf"^{stage} 'peeks' asks for {forbidden}; it may ask for "):
+    with pytest.raises(BlockError,
+                       match=rf"^{stage} 'peeks' asks for {forbidden}; it may ask for "):
         if loop:
             simulate(loop.with_(**{stage: namespace["peeks"]}), 1.0, 0.5)
         else:
@@ -315,7 +340,8 @@ def test_no_stage_can_look_where_it_must_not(stage, forbidden):
 
 
 def test_the_contract_of_the_stages_is_that_of_the_engine():
-    assert {s: " ".join((*q.asks, *OWN*(q.when == "tau"))) for s, q in stages.STAGES.items()} == STAGES
+    assert {s: " ".join((*q.asks, *OWN*(q.when == "tau")))
+            for s, q in stages.STAGES.items()} == STAGES
 
 
 def test_surface_and_law_see_what_the_differentiator_gives():
@@ -331,7 +357,8 @@ def test_surface_and_law_see_what_the_differentiator_gives():
     def looks(e, sigma):
         return 1000.0*e[1] + sigma
 
-    run = simulate(ClosedLoop(integrator, output=minus, differentiator=estimates, surface=adds, law=looks), 0.5, 0.5, jit=False)
+    run = simulate(ClosedLoop(integrator, output=minus, differentiator=estimates, surface=adds,
+                              law=looks), 0.5, 0.5, jit=False)
     assert run.e[0] == 1.0
     assert (run.e_hat[0][0], run.e_hat[1][0]) == (101.0, 7.0)
     assert run.sigma[0] == 108.0 and run.u[0] == 7108.0
@@ -343,14 +370,17 @@ def test_states_only_where_a_stage_has_memory():
         return 0.0
 
     for stage in ("stop", "output"):
-        with pytest.raises(BlockError, match=f"{stage} 'dreams' names a state \\(q\\), but this stage has no memory"):
+        with pytest.raises(BlockError,
+                           match=f"{stage} 'dreams' names a state \\(q\\), but this stage has no "
+                                 f"memory"):
             simulate(ClosedLoop(**{"plant": integrator, "output": minus, stage: dreams}), 1.0, 0.5)
 
     @block(state=dict(q=0.0))
     def ignores(sigma):
         return sigma
 
-    with pytest.raises(BlockError, match=r"law 'ignores' names a state \(q\), but does not ask for z"):
+    with pytest.raises(BlockError,
+                       match=r"law 'ignores' names a state \(q\), but does not ask for z"):
         simulate(ClosedLoop(integrator, output=minus, law=ignores), 1.0, 0.5)
 
     @block
@@ -361,21 +391,24 @@ def test_states_only_where_a_stage_has_memory():
         simulate(ClosedLoop(stateless, output=zero), 1.0, 0.5)
 
 
-# ---- loops -----------------------------------------------------------------------------------------------------------
+# ---- loops ---------------------------------------------------------------------------------------
 def test_the_double_underscore_reaches_into_a_stage():
     loop = ClosedLoop(integrator, output=minus, law=law, duration=2.0, dt=0.5, name="first")
     other = loop.with_(law__k=1.0, plant__x=4.0, dt=0.25, name="second")
     assert other.stages["law"].values["k"] == 1.0 and other.stages["plant"].z0 == (4.0,)
     assert (other.duration, other.dt, other.tau, other.name) == (2.0, 0.25, None, "second")
     assert loop.stages["law"].values["k"] == 2.0 and loop.dt == 0.5
-    both = loop.with_(law__gain=3.0, law=remembers, law__w=0.25)  # the replacement first, whatever the order
+    # the replacement first, whatever the order
+    both = loop.with_(law__gain=3.0, law=remembers, law__w=0.25)
     assert both.stages["law"].values == dict(gain=3.0, w=0.25, n=0.0)
     assert ClosedLoop(integrator, law=law, law__k=0.5).stages["law"].values["k"] == 0.5
     assert loop.with_(law=None).stages["law"] is None
 
 
 @pytest.mark.parametrize(("changes", "words"), [
-    (dict(lew=law), ["ClosedLoop has no 'lew'; did you mean 'law'?", "reference, output, sensor, differentiator, surface, law"]),
+    (dict(lew=law),
+     ["ClosedLoop has no 'lew'; did you mean 'law'?",
+      "reference, output, sensor, differentiator, surface, law"]),
     (dict(law__kk=1.0), ["law has no 'kk'; did you mean 'k'?", "It has: k, order, on"]),
     (dict(law__k=-1.0), ["law: k = -1 N/m is not allowed", "from 0 to 5 N/m"]),
     (dict(law__k=math.inf), ["k = inf N/m"]),
@@ -390,8 +423,9 @@ def test_bad_changes_name_thing_value_unit_and_what_is_allowed(changes, words):
         assert word in str(why.value)
 
 
-@pytest.mark.parametrize(("stage", "thing"), [("law", 5), ("law", lambda sigma: sigma), ("plant", None),
-                                              ("plant", channels(a=integrator))])
+@pytest.mark.parametrize(("stage", "thing"),
+                         [("law", 5), ("law", lambda sigma: sigma), ("plant", None),
+                          ("plant", channels(a=integrator))])
 def test_a_stage_is_a_block(stage, thing):
     with pytest.raises(BlockError, match=f"^{stage} must be a block"):
         ClosedLoop(**{"plant": integrator, stage: thing})
@@ -402,7 +436,8 @@ def test_settable_lists_what_with_accepts():
     for path, (meta, value, kind) in loop.settable().items():
         assert isinstance(meta, Param) and type(value) is kind
         assert loop.with_(**{path: value}).settable()[path] == (meta, value, kind)
-    assert {"plant__theta", "law__lam", "surface__settling_time", "perturbation__f_0", "plant__coupling"} <= {*loop.settable()}
+    assert {"plant__theta", "law__lam", "surface__settling_time", "perturbation__f_0",
+            "plant__coupling"} <= {*loop.settable()}
     assert "output__I" not in loop.settable()  # it follows the plant's
 
 
@@ -422,7 +457,7 @@ def test_the_output_follows_the_plant_in_what_they_share():
         loop.with_(output__k=1.0)
 
 
-# ---- channels --------------------------------------------------------------------------------------------------------
+# ---- channels ------------------------------------------------------------------------------------
 @block(state=dict(a=1.0, b=-2.0))
 def pair(x, u, d):
     return d[0] - u[0], d[1] - u[1]
@@ -454,18 +489,24 @@ def output_a(x):
 
 
 def test_channels_run_independent_blocks():
-    law = channels(attitude=smc.smc2.adaptive_super_twisting.with_(lam=1.2), descent=smc.smc1.quasi_smc.with_(rho=1.0))
-    loop = ClosedLoop(pair, output=outputs, perturbation=waves, surface=channels(attitude=head, descent=head), law=law)
+    law = channels(attitude=smc.smc2.adaptive_super_twisting.with_(lam=1.2),
+                   descent=smc.smc1.quasi_smc.with_(rho=1.0))
+    loop = ClosedLoop(pair, output=outputs, perturbation=waves,
+                      surface=channels(attitude=head, descent=head), law=law)
     two = simulate(loop, 2.0, 1e-3, record=100)
     one = simulate(ClosedLoop(integrator, output=output_a, perturbation=wave, surface=head,
-                              law=smc.smc2.adaptive_super_twisting.with_(lam=1.2)), 2.0, 1e-3, record=100)
-    assert np.array_equal(two.sigma[0], one.sigma) and np.array_equal(two.u[0], one.u)  # to the last bit
-    assert np.array_equal(two.z.law.attitude.lam, one.z.law.lam) and np.array_equal(two.x.a, one.x.x)
+                              law=smc.smc2.adaptive_super_twisting.with_(lam=1.2)), 2.0, 1e-3,
+                   record=100)
+    # to the last bit
+    assert np.array_equal(two.sigma[0], one.sigma) and np.array_equal(two.u[0], one.u)
+    assert (np.array_equal(two.z.law.attitude.lam, one.z.law.lam)
+            and np.array_equal(two.x.a, one.x.x))
     assert vars(two.z.law.descent) == {}
     assert np.shape(two.e) == (2, 2, 101) and np.shape(two.u) == (2, 101)
 
     metrics, alone = two.metrics(), one.metrics()
-    for figure in ("J_e", "J_u", "max_u", "tail_e", "tail_sigma", "reaching_time", "variation_u", "turns_u"):
+    for figure in ("J_e", "J_u", "max_u", "tail_e", "tail_sigma", "reaching_time", "variation_u",
+                   "turns_u"):
         values = getattr(metrics, figure)
         assert len(values) == 2 and values[0] == getattr(alone, figure), figure
 
@@ -477,12 +518,14 @@ def test_channels_run_independent_blocks():
 def test_channels_are_reached_by_name():
     law = channels(attitude=remembers, descent=smc.smc1.quasi_smc)
     assert isinstance(law, Channels)
-    assert list(law.settable) == ["attitude__gain", "attitude__w", "attitude__n", "descent__rho", "descent__eps"]
+    assert list(law.settable) == ["attitude__gain", "attitude__w", "attitude__n", "descent__rho",
+                                  "descent__eps"]
     assert list(law.params) == ["attitude__gain", "descent__rho", "descent__eps"]
     assert law.z0 == (0.5, 0.0)
     loop = ClosedLoop(pair, output=outputs, law=law)
     other = loop.with_(law__attitude__w=0.25, law__descent__rho=3.0)
-    assert other.stages["law"].values["attitude__w"] == 0.25 and other.stages["law"].values["descent__rho"] == 3.0
+    assert (other.stages["law"].values["attitude__w"] == 0.25
+            and other.stages["law"].values["descent__rho"] == 3.0)
     assert loop.with_(law__descent=remembers).stages["law"].parts["descent"] is remembers
     with pytest.raises(ParameterError, match="channels has no 'atitude'; did you mean 'attitude'"):
         loop.with_(law__atitude__w=0.0)
@@ -499,7 +542,8 @@ def test_channels_hold_blocks_only():
 
 def test_a_missing_channel_is_named():
     three = channels(a=head, b=head, c=head)
-    with pytest.raises(BlockError, match=r"surface 'head': a signal it asks for has no channel 2: e = "):
+    with pytest.raises(BlockError,
+                       match=r"surface 'head': a signal it asks for has no channel 2: e = "):
         simulate(ClosedLoop(pair, output=outputs, perturbation=waves, surface=three), 1.0, 0.5)
 
 
@@ -509,7 +553,8 @@ def test_a_law_of_several_inputs_takes_the_whole_tuple():
         size = math.hypot(sigma[0], sigma[1])
         return (rho*sigma[0]/size, rho*sigma[1]/size) if size > 0.0 else (0.0, 0.0)
 
-    loop = ClosedLoop(pair, output=outputs, perturbation=waves, surface=channels(a=head, b=head), law=unit_vector)
+    loop = ClosedLoop(pair, output=outputs, perturbation=waves, surface=channels(a=head, b=head),
+                      law=unit_vector)
     run = simulate(loop, 1.0, 0.25, jit=False)
     assert np.allclose(np.hypot(*run.u), 1.0, rtol=1e-15)
     assert np.allclose(run.u[0]*run.sigma[1], run.u[1]*run.sigma[0], rtol=1e-14)
@@ -530,14 +575,16 @@ def test_limits_of_channels_count():
     def pushes(r):
         return -1.0
 
-    loop = ClosedLoop(pair, output=channels(a=first_of, b=second_of), reference=waves, law=channels(a=pushes, b=pushes),
+    loop = ClosedLoop(pair, output=channels(a=first_of, b=second_of), reference=waves,
+                      law=channels(a=pushes, b=pushes),
                       perturbation=waves)
     run = simulate(loop, 10.0, 0.01, jit=False)
     assert run.diverged_at is not None and np.all(run.y[0] <= 3.0)
 
 
-# ---- shapes ----------------------------------------------------------------------------------------------------------
-shapes = st.recursive(st.none(), lambda s: st.lists(s, min_size=1, max_size=3).map(tuple), max_leaves=8)
+# ---- shapes --------------------------------------------------------------------------------------
+shapes = st.recursive(st.none(), lambda s: st.lists(s, min_size=1, max_size=3).map(tuple),
+                      max_leaves=8)
 
 
 @given(shapes)
@@ -556,8 +603,10 @@ def test_signals_keep_their_nesting_through_the_loop(s):
     number = iter(range(100))
     text = signal.text(s, (f"{next(number)}.0*t" for _ in range(100)))
     namespace = {"block": block}
-    exec(f"@block\ndef reference(t): return {text}\n@block\ndef output(t): return {text}", namespace)
-    run = simulate(ClosedLoop(integrator, reference=namespace["reference"], output=namespace["output"], allocation=zero),
+    exec(f"@block\ndef reference(t): return {text}\n@block\ndef output(t): return {text}",
+         namespace)
+    run = simulate(ClosedLoop(integrator, reference=namespace["reference"],
+                              output=namespace["output"], allocation=zero),
                    1.0, 0.5, jit=False)
     for name in ("r", "y", "e", "sigma", "v"):
         assert signal.shape(getattr(run, name)) == s
@@ -572,7 +621,8 @@ def zero(t):
 
 
 def test_a_reference_left_out_is_zero_in_every_channel():
-    run = simulate(ClosedLoop(pair, output=outputs, perturbation=waves, allocation=pairs), 0.5, 0.5, jit=False)
+    run = simulate(ClosedLoop(pair, output=outputs, perturbation=waves, allocation=pairs), 0.5, 0.5,
+                   jit=False)
     assert [[leaf[0] for leaf in channel] for channel in run.e] == [[1.0, -0.5], [-2.0, -0.25]]
 
 
@@ -581,7 +631,8 @@ def test_a_reference_without_derivatives_is_piecewise_constant():
     def commands(t):
         return 3.0, 4.0
 
-    loop = ClosedLoop(pair, reference=commands, output=outputs, perturbation=waves, allocation=pairs)
+    loop = ClosedLoop(pair, reference=commands, output=outputs, perturbation=waves,
+                      allocation=pairs)
     run = simulate(loop, 0.5, 0.5, jit=False)
     assert [[leaf[0] for leaf in channel] for channel in run.e] == [[4.0, -0.5], [2.0, -0.25]]
 
@@ -591,7 +642,9 @@ def pairs(t):
     return 0.0, 0.0
 
 
-@pytest.mark.parametrize(("r", "y"), [("(1.0, 2.0)", "3.0"), ("(1.0,)", "(1.0, 2.0)"), ("((1.0, 2.0),)", "(1.0, 2.0)")])
+@pytest.mark.parametrize(("r", "y"),
+                         [("(1.0, 2.0)", "3.0"), ("(1.0,)", "(1.0, 2.0)"),
+                          ("((1.0, 2.0),)", "(1.0, 2.0)")])
 def test_reference_and_output_have_to_fit(r, y):
     namespace = {"block": block}
     exec(f"@block\ndef reference(t): return {r}\n@block\ndef output(t): return {y}", namespace)

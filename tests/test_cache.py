@@ -43,7 +43,8 @@ def loop_of(law):
 
 def compilations(recorder):
     """How often a whole loop was compiled."""
-    return sum(e.is_start and e.data["dispatcher"].py_func.__name__ == "run" for _, e in recorder.buffer)
+    return sum(e.is_start and e.data["dispatcher"].py_func.__name__ == "run"
+               for _, e in recorder.buffer)
 
 
 @pytest.fixture
@@ -56,7 +57,7 @@ def own_folder(tmp_path, monkeypatch):
     return tmp_path / "loops" / f"loops-{cache._FORMAT}"
 
 
-# ---- the folder ------------------------------------------------------------------------------------------------------
+# ---- the folder ----------------------------------------------------------------------------------
 @posix
 def test_the_folder_is_private_whatever_the_umask(own_folder):
     before = os.umask(0)
@@ -127,7 +128,8 @@ def test_a_folder_that_is_a_link_is_refused(own_folder, tmp_path):
         cache_folder()
 
 
-@pytest.mark.parametrize("home", [RuntimeError("could not determine the home directory"), "~/.cache/smcaero_nb"])
+@pytest.mark.parametrize("home", [RuntimeError("could not determine the home directory"),
+                                  "~/.cache/smcaero_nb"])
 def test_without_a_home_directory_a_run_does_without_a_folder(home, tmp_path, monkeypatch):
     def user_cache_path(*_):
         if isinstance(home, Exception):
@@ -166,7 +168,8 @@ def test_a_folder_that_cannot_be_made_is_done_without(tmp_path, monkeypatch):
     (tmp_path / "file").write_text("in the way")
     monkeypatch.setenv("SMCAERO_CACHE_DIR", str(tmp_path / "file" / "loops"))
     monkeypatch.setattr(cache, "_said", set())
-    with pytest.warns(RuntimeWarning, match="no folder for compiled code .*; it is compiled anew in every process"):
+    with pytest.warns(RuntimeWarning,
+                      match="no folder for compiled code .*; it is compiled anew in every process"):
         assert keep(0.75) == 0.75
 
 
@@ -194,7 +197,7 @@ def test_the_oldest_files_go_first(own_folder, monkeypatch):
     assert len(left) == 3 and {"3.loop", "4.loop"} < {*left}
 
 
-# ---- processes -------------------------------------------------------------------------------------------------------
+# ---- processes -----------------------------------------------------------------------------------
 #: Runs the loop of each folder named, and says its result and how often it was compiled.
 PROGRAM = """
 import importlib, json, sys
@@ -209,7 +212,8 @@ for folder in sys.argv[1:]:
     importlib.invalidate_caches()
     with event.install_recorder("numba:compile") as recorder:
         run = simulate(importlib.import_module("mine").loop)
-    made = sum(e.is_start and e.data["dispatcher"].py_func.__name__ == "run" for _, e in recorder.buffer)
+    names = [e.data["dispatcher"].py_func.__name__ for _, e in recorder.buffer if e.is_start]
+    made = names.count("run")
     said[folder] = [run.u[0], run.x.x[-1], made]
     sys.path.remove(folder)
 print(json.dumps(said))
@@ -277,9 +281,11 @@ def write(folder, file=None, old="", new="", _=None):
     return folder
 
 
-def test_an_edit_in_another_process_recompiles_and_going_back_does_not(new_python, tmp_path, own_folder):
+def test_an_edit_in_another_process_recompiles_and_going_back_does_not(new_python, tmp_path,
+                                                                       own_folder):
     base = write(tmp_path / "base")
-    folders = {what: write(tmp_path / what.replace(" ", "_").replace("'", ""), *edit) for what, edit in EDITS.items()}
+    folders = {what: write(tmp_path / what.replace(" ", "_").replace("'", ""), *edit)
+               for what, edit in EDITS.items()}
 
     def run(*folders):
         return json.loads(new_python(PROGRAM, *folders))
@@ -348,11 +354,12 @@ def test_ten_processes_that_start_cold_at_once_agree(new_python, tmp_path, own_f
     said = new_python(TEN, folder, PYTHONWARNINGS="error").splitlines()
     assert said[0] == str([0]*10)
     assert len(said) == 11 and len(set(said[1:])) == 1 and said[1].startswith("np.float64(2.0)")
-    assert [f.suffix for f in own_folder.iterdir()] == [".loop"]  # one file, and no half-written ones
+    # one file, and no half-written ones
+    assert [f.suffix for f in own_folder.iterdir()] == [".loop"]
     assert json.loads(new_python(PROGRAM, folder))[str(folder)][2] == 0
 
 
-# ---- within one process: a cell run again ---------------------------------------------------------------------------
+# ---- within one process: a cell run again --------------------------------------------------------
 def cell(source, **names):
     """Run a notebook's cell; return what it defined."""
     exec(textwrap.dedent(source), namespace := {"block": block, "__name__": "__main__", **names})
@@ -367,17 +374,24 @@ CELLS = {
     "a helper": ("def helper(s): return {}*s" + LAW("helper(sigma)"), 2.0, 3.0),
     "a default of a helper": ("def helper(s, k={}): return k*s" + LAW("helper(sigma)"), 2.0, 3.0),
     "the type of a default": ("def helper(s, k={}): return s/k" + LAW("helper(sigma)"), "2", "2.0"),
-    "a helper of a helper": ("def deep(s): return {}*s\ndef helper(s): return deep(s)" + LAW("helper(sigma)"), 2.0, 3.0),
-    "which helper a name stands for": ("def A(s): return s\ndef B(s): return 2.0*s\na = A\nb = B\nc = {}"
-                                       + LAW("a(sigma) + 10.0*b(sigma) + 100.0*c(sigma)"), "A", "B"),
+    "a helper of a helper": ("def deep(s): return {}*s\ndef helper(s): return deep(s)"
+                             + LAW("helper(sigma)"), 2.0, 3.0),
+    "which helper a name stands for": ("def A(s): return s\ndef B(s): return 2.0*s\na = A\nb = B\n"
+                                       "c = {}"
+                                       + LAW("a(sigma) + 10.0*b(sigma) + 100.0*c(sigma)"), "A",
+                                       "B"),
     "a tuple": ("K = (1.0, {})" + LAW("K[1]*sigma"), 2.0, 3.0),
     "an array": ("import numpy as np\nK = np.array([1.0, {}])" + LAW("K[1]*sigma"), 2.0, 3.0),
     "a parameter of a block that helps": (
-        "from smcaero_nb.smc1 import quasi_smc\nsoft = quasi_smc.with_(rho={})" + LAW("soft(sigma)"), 2.0, 3.0),
+        "from smcaero_nb.smc1 import quasi_smc\nsoft = quasi_smc.with_(rho={})"
+        + LAW("soft(sigma)"), 2.0, 3.0),
     "a constant that a numba function read": (
-        "from numba import njit\nK = {}\n@njit\ndef helper(s): return K*s" + LAW("helper(sigma)"), 2.0, 3.0),
-    "an enumeration": ("import enum\nclass Mode(enum.Enum):\n    A = {}" + LAW("Mode.A.value*sigma"), 2.0, 3.0),
-    "a closure": ("def make(k):\n    @block\n    def law(sigma): return k*sigma\n    return law\nlaw = make({})", 2.0, 3.0),
+        "from numba import njit\nK = {}\n@njit\ndef helper(s): return K*s" + LAW("helper(sigma)"),
+        2.0, 3.0),
+    "an enumeration": ("import enum\nclass Mode(enum.Enum):\n    A = {}"
+                       + LAW("Mode.A.value*sigma"), 2.0, 3.0),
+    "a closure": ("def make(k):\n    @block\n    def law(sigma): return k*sigma\n    return law\n"
+                  "law = make({})", 2.0, 3.0),
 }
 
 
@@ -393,14 +407,16 @@ def value(law, jit=True):
 def test_a_cell_that_is_run_again_is_never_stale(what):
     source, *values = CELLS[what]
     first, second, again = (cell(source.format(v))["law"] for v in (*values, values[0]))
-    assert [value(law) for law in (first, second, again)] == [value(law, False) for law in (first, second, again)]
+    assert [value(law) for law in (first, second, again)] == [value(law, False)
+                                                              for law in (first, second, again)]
     assert first.content() == again.content() != second.content()
     assert value(first) != value(second) or "type" in what
 
 
 @pytest.mark.parametrize("wrap", ["", "@njit\n"])
 def test_a_constant_that_is_changed_while_the_functions_stay_is_seen(wrap):
-    names = cell(f"from numba import njit\nK = 2.0\n{wrap}def helper(s): return K*s" + LAW("K*helper(sigma)"))
+    names = cell(f"from numba import njit\nK = 2.0\n{wrap}def helper(s): return K*s"
+                 + LAW("K*helper(sigma)"))
     seen = []
     for names["K"] in (2.0, 3.0, 2.0):
         seen.append(value(names["law"]))
@@ -421,7 +437,8 @@ def test_a_module_attribute_that_is_changed_is_seen():
 def test_a_loop_with_a_changed_helper_is_compiled_once_and_remembered():
     source = "def helper(s, k={}): return k*s\n@block\ndef law(sigma): return helper(sigma)"
     with event.install_recorder("numba:compile") as recorder:
-        seen = [simulate(loop_of(cell(source.format(k))["law"])).u[0] for k in (0.75, 0.5, 0.75, 0.5)]
+        seen = [simulate(loop_of(cell(source.format(k))["law"])).u[0]
+                for k in (0.75, 0.5, 0.75, 0.5)]
     assert seen == [0.75, 0.5, 0.75, 0.5] and compilations(recorder) == 2
 
 
@@ -429,7 +446,8 @@ def test_a_comment_or_another_name_of_the_same_thing_changes_nothing():
     a = cell("K = 2.0\n@block\ndef law(sigma): return K*sigma")["law"]
     b = cell("K = 2.0\n\n@block\ndef law(sigma):\n    # twice\n    return K*sigma")["law"]
     assert fingerprint(a.f) == fingerprint(b.f)
-    assert fingerprint(a.f) != fingerprint(cell("K = 2.0\n@block\ndef law(sigma): return K*sigma*1.0")["law"].f)
+    assert (fingerprint(a.f) != fingerprint(cell("K = 2.0\n@block\n"
+                                                 "def law(sigma): return K*sigma*1.0")["law"].f))
 
 
 def test_limits_and_kinds_are_compiled_in_and_the_rest_of_the_metadata_is_not():
@@ -447,23 +465,27 @@ def test_limits_and_kinds_are_compiled_in_and_the_rest_of_the_metadata_is_not():
 
     plain = with_state(0.0)
     assert plain == with_state(1.0, symbol="s", unit="m", help="words", slider=(0.0, 1.0), log=True)
-    assert len({repr(c) for c in (plain, with_state(0.0, low=-1.0), with_state(0.0, high=1.0), with_state(0.0, high=2.0))}) == 4
+    assert len({repr(c) for c in (plain, with_state(0.0, low=-1.0), with_state(0.0, high=1.0),
+                                  with_state(0.0, high=2.0))}) == 4
     assert block(state=dict(other=0.0))(motion).content() != plain
     assert typed(float, 1.0) == typed(Param("k", low=-9.0, high=9.0), 2.0)
     limited = [typed(float, 1.0, Param("v", high=h)) for h in (1.0, 2.0)]
-    assert len({repr(c) for c in (typed(float, 1.0), typed(int, 1), typed(bool, True), *limited)}) == 5
+    assert len({repr(c) for c in (typed(float, 1.0), typed(int, 1), typed(bool, True),
+                                  *limited)}) == 5
     assert typed(float, 1.0, Param("v", "N", help="words")) == typed(float, 1.0, Param("w"))
 
 
-@pytest.mark.parametrize("pair", [("1", "1.0"), ("1", "True"), ("0.0", "-0.0"), ("'a'", "b'a'"), ("(1,)", "(1.0,)")])
+@pytest.mark.parametrize("pair", [("1", "1.0"), ("1", "True"), ("0.0", "-0.0"), ("'a'", "b'a'"),
+                                  ("(1,)", "(1.0,)")])
 def test_constants_that_compare_equal_are_told_apart(pair):
     prints = {fingerprint(cell(f"K = {v}\ndef f(s): return K")["f"]) for v in pair}
-    prints |= {fingerprint(cell(f"def g(k={v}): return k\ndef f(s): return g()")["f"]) for v in pair}
+    prints |= {fingerprint(cell(f"def g(k={v}): return k\ndef f(s): return g()")["f"])
+               for v in pair}
     prints |= {fingerprint(cell(f"def f(s): return {v}")["f"]) for v in pair}
     assert len(prints) == 6
 
 
-# ---- damage and change -----------------------------------------------------------------------------------------------
+# ---- damage and change ---------------------------------------------------------------------------
 def keep(factor):
     """A numba function that is kept on disk, compiled or loaded; what it gives for 1."""
     f = kept(njit(eval(f"lambda x: {factor}*x")), f"times {factor}")
@@ -505,7 +527,8 @@ def changed(data, rng):
     return bytes(data*2 if kind == "doubled" else data)
 
 
-#: Reads as many damaged files of a loop as there are; says u(0) of each, and how many warnings there were.
+#: Reads as many damaged files of a loop as there are; says u(0) of each, and how many warnings
+#: there were.
 DAMAGED = """
 import pathlib, sys, warnings
 sys.path.insert(0, sys.argv[1])
@@ -531,7 +554,8 @@ with warnings.catch_warnings(record=True) as caught:
 """
 
 
-def test_two_hundred_damaged_files_crash_nothing_and_change_no_number(new_python, tmp_path, own_folder):
+def test_two_hundred_damaged_files_crash_nothing_and_change_no_number(new_python, tmp_path,
+                                                                      own_folder):
     folder = write(tmp_path / "base")
     new_python(PROGRAM, folder)
     path, = own_folder.iterdir()
@@ -575,7 +599,8 @@ def test_a_file_that_somebody_else_may_have_put_there_is_not_read(own_folder, mo
     monkeypatch.setattr(cache.pickle, "loads", lambda _: pytest.fail("it was unpickled"))
     with pytest.warns(RuntimeWarning, match="compiled code not read from disk .*; compiling again"):
         assert keep(0.71875) == 0.71875
-    assert not path.is_symlink() and len(path.read_bytes()) > len(whole)//2  # replaced by one of this user
+    # replaced by one of this user
+    assert not path.is_symlink() and len(path.read_bytes()) > len(whole)//2
 
 
 def test_an_entry_of_the_old_format_is_never_loaded(own_folder, tmp_path):
@@ -591,7 +616,8 @@ def test_an_entry_of_the_old_format_is_never_loaded(own_folder, tmp_path):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert keep(0.40625) == 0.40625
-    assert cache.pickle.loads(old.read_bytes()) == "planted" and str(cache._FORMAT) in own_folder.name
+    assert (cache.pickle.loads(old.read_bytes()) == "planted"
+            and str(cache._FORMAT) in own_folder.name)
 
 
 @pytest.mark.parametrize("missing", ["_rebuild", "_reduce", "dumps", "_cache"])
@@ -645,17 +671,20 @@ def test_importing_the_kit_loads_neither_plots_nor_widgets(new_python):
     said = new_python("""
 import sys
 import smcaero_nb
-print([m for m in ("plotly", "ipywidgets", "anywidget", "IPython", "matplotlib", "control") if m in sys.modules])
+late = {"plotly", "ipywidgets", "anywidget", "IPython", "matplotlib", "control"}
+print(sorted(late & {*sys.modules}))
 """)
     assert said.strip() == "[]"
 
 
 
-# ---- what blocks refer to -------------------------------------------------------------------------------------------
-#: Ways to have a table, all with the same numbers: the code that makes `d` of the contiguous `whole`.
+# ---- what blocks refer to ------------------------------------------------------------------------
+#: Ways to have a table, all with the same numbers: the code that makes `d` of the contiguous
+#: `whole`.
 TABLES = {
     "contiguous": "d = whole",
-    "a column of a file": "t, d = np.loadtxt([f'0,{q!r}' for q in whole.tolist()], delimiter=',', unpack=True)",
+    "a column of a file": "t, d = np.loadtxt([f'0,{q!r}' for q in whole.tolist()], delimiter=',', "
+                          "unpack=True)",
     "a column": "d = np.column_stack([0*whole, whole])[:, 1]",
     "backwards": "d = whole[::-1].copy()[::-1]",
     "every second": "d = np.repeat(whole, 2)[::2]",
@@ -730,9 +759,11 @@ STALE = {
         "import numpy as np\nT = np.zeros(5000); T[2500] = {}\ndef helper(s, q=T): return q[2500]*s"
         + LAW("helper(sigma)"), 2.0, 3.0),
     "the names in a named tuple": (
-        "from collections import namedtuple\nK = namedtuple('K', '{}')(2.0, 3.0)" + LAW("K.a*sigma"), "a b", "b a"),
+        "from collections import namedtuple\nK = namedtuple('K', '{}')(2.0, 3.0)"
+        + LAW("K.a*sigma"), "a b", "b a"),
     "a function of a C library": (
-        "import ctypes, ctypes.util\nf = ctypes.CDLL(ctypes.util.find_library('m')).{}\nf.argtypes = [ctypes.c_double]\n"
+        "import ctypes, ctypes.util\nf = ctypes.CDLL(ctypes.util.find_library('m')).{}\n"
+        "f.argtypes = [ctypes.c_double]\n"
         "f.restype = ctypes.c_double" + LAW("f(sigma)"), "cos", "exp"),
 }
 
@@ -749,6 +780,7 @@ def test_loops_in_memory_are_bounded(own_folder, monkeypatch):
     monkeypatch.setattr(smc.core.build, "LOOPS", 3)
     monkeypatch.setattr(cache, "_FUNCTIONS", 5)
     source = "def helper(s): return {}*s" + LAW("helper(sigma)")
-    seen = [simulate(loop_of(cell(source.format(k))["law"])).u[0] for k in (0.75, 0.5, 0.25, 0.125, 0.75)]
+    seen = [simulate(loop_of(cell(source.format(k))["law"])).u[0]
+            for k in (0.75, 0.5, 0.25, 0.125, 0.75)]
     assert seen == [0.75, 0.5, 0.25, 0.125, 0.75]
     assert len(smc.core.build._made) == 3 and len(cache._compiled) <= 5

@@ -1,4 +1,5 @@
-"""The engine: exact solutions, orders of accuracy, sums over every step, divergence, bad input, interruption, bits."""
+"""The engine: exact solutions, orders of accuracy, sums over every step, divergence, bad input,
+interruption, bits."""
 
 import math
 import signal
@@ -23,7 +24,7 @@ from smcaero_nb.core import build, writer
 driver = sys.modules[simulate.__module__]
 
 
-# ---- blocks that most tests share ------------------------------------------------------------------------------------
+# ---- blocks that most tests share ----------------------------------------------------------------
 @block(state=dict(x=1.0))
 def linear(x, u, d, a=-0.5):
     return (a*x[0] + u + d,)
@@ -67,7 +68,8 @@ def lag(u, z, tau, T=0.05):
     return p, (p,)
 
 
-smooth = ClosedLoop(cart, reference=sine, output=both, perturbation=push, surface=sliding, actuator=lag,
+smooth = ClosedLoop(cart, reference=sine, output=both, perturbation=push, surface=sliding,
+                    actuator=lag,
                     law=smc.smc1.quasi_smc.with_(rho=2.0, eps=0.3))
 relay = smooth.with_(law=smc.smc1.sign_smc.with_(rho=1.5), actuator=None)
 
@@ -80,17 +82,20 @@ def same(a, b):
         return a.keys() == b.keys() and all(same(a[k], b[k]) for k in a)
     if isinstance(a, tuple):
         return len(a) == len(b) and all(map(same, a, b))
-    return type(a) is type(b) and np.array_equal(a, b, equal_nan=True) and np.array_equal(np.signbit(a), np.signbit(b)) \
-        if isinstance(a, (float, np.ndarray)) else a == b
+    if isinstance(a, (float, np.ndarray)):
+        return (type(a) is type(b) and np.array_equal(a, b, equal_nan=True)
+                and np.array_equal(np.signbit(a), np.signbit(b)))
+    return a == b
 
 
-# ---- exact solutions and orders ------------------------------------------------------------------------------------
+# ---- exact solutions and orders ------------------------------------------------------------------
 @pytest.mark.parametrize("jit", [True, False])
 @pytest.mark.parametrize("a", [-0.5, 0.5])
 def test_euler_of_a_linear_plant_is_its_closed_form(a, jit):
     loop = ClosedLoop(linear.with_(a=a), allocation=nothing)
     run = simulate(loop, 10/16, 1/16, record=10, jit=jit)
-    assert [Fraction(x) for x in run.x.x] == [(1 + Fraction(a)/16)**k for k in range(11)]  # all of them exact in binary
+    # all of them exact in binary
+    assert [Fraction(x) for x in run.x.x] == [(1 + Fraction(a)/16)**k for k in range(11)]
     assert list(run.t) == [k/16 for k in range(11)]
     run = simulate(loop, 5.0, 1e-3, record=5000, jit=jit)
     assert np.allclose(run.x.x, (1 + a*1e-3)**np.arange(5001), rtol=1e-12, atol=0)
@@ -108,7 +113,8 @@ def forcing(t, x):
 
 @pytest.mark.parametrize(("method", "order"), [("euler", 1), ("midpoint", 2), ("rk4", 4)])
 def test_order_of_accuracy_with_a_perturbation_that_moves_within_the_step(method, order):
-    exact = solve_ivp(lambda t, x: (x[1], 0.5*math.cos(2*t) - 0.1*x[1] - math.sin(x[0])), (0, 2), (1.0, 0.0),
+    exact = solve_ivp(lambda t, x: (x[1], 0.5*math.cos(2*t) - 0.1*x[1] - math.sin(x[0])), (0, 2),
+                      (1.0, 0.0),
                       method="DOP853", rtol=1e-13, atol=1e-14).y[:, -1]
     loop = ClosedLoop(pendulum, perturbation=forcing)
     errors = []
@@ -128,10 +134,12 @@ def test_runge_kutta_is_exact_on_what_it_integrates_exactly():
     def time_itself(t):
         return t
 
-    run = simulate(ClosedLoop(ramp, perturbation=time_itself), 2.0, 0.25, method="rk4", record=8, jit=False)
+    run = simulate(ClosedLoop(ramp, perturbation=time_itself), 2.0, 0.25, method="rk4", record=8,
+                   jit=False)
     assert np.allclose(run.x.a, run.t**2/2, rtol=1e-15)
     assert np.allclose(run.x.b, run.t**4, rtol=1e-14, atol=1e-15)
-    run = simulate(ClosedLoop(ramp, perturbation=time_itself), 2.0, 0.25, method="midpoint", record=8, jit=False)
+    run = simulate(ClosedLoop(ramp, perturbation=time_itself), 2.0, 0.25, method="midpoint",
+                   record=8, jit=False)
     assert np.allclose(run.x.a, run.t**2/2, rtol=1e-15)
 
 
@@ -168,7 +176,8 @@ def test_sample_and_hold_equals_a_loop_written_by_hand_to_the_last_bit(m, jit):
 
 
 def launch_vehicle_by_hand(n, dt, rho, eps, c, f):
-    """The launch vehicle under quasi-SMC in the order of states of its own study: numpy, US units."""
+    """The launch vehicle under quasi-SMC in the order of states of its own study: numpy, US
+    units."""
     a, K, J, c2, c0 = 0.4, 0.75, 8.5e-5, -1.5e-5, -0.05
     A = np.zeros((7, 7))  # servo, beta, beta', theta_r, theta_r', eta, eta'
     A[0, 0], A[1, 2], A[3, 4], A[5, 6] = -5.0, 1.0, 1.0, 1.0
@@ -198,13 +207,15 @@ def test_the_launch_vehicle_equals_a_matrix_loop_written_by_hand():
     n, dt = 6000, 2e-3
     (e, sigma, u), (J_e, J_u) = launch_vehicle_by_hand(n, dt, 2.5, 0.45, (1.75, 1.56), 1.0)
     run = simulate(smc.lv.loop("quasi_smc", "eq69"), n*dt, dt, record=n)
-    near = dict(rtol=0, atol=2e-5)  # the SI parameters have six digits, so the two models differ by 1e-5
+    # the SI parameters have six digits, so the two models differ by 1e-5
+    near = dict(rtol=0, atol=2e-5)
     assert np.allclose(run.e[0][:-1], e, **near) and np.allclose(run.sigma[:-1], sigma, **near)
     assert np.allclose(run.u[:-1], u, **near)
-    assert run.mean_e[0] == pytest.approx(J_e, rel=1e-4) and run.mean_u == pytest.approx(J_u, rel=1e-4)
+    assert (run.mean_e[0] == pytest.approx(J_e, rel=1e-4)
+            and run.mean_u == pytest.approx(J_u, rel=1e-4))
 
 
-# ---- an output that sees u and d -------------------------------------------------------------------------------------
+# ---- an output that sees u and d -----------------------------------------------------------------
 @block
 def feeds(t, x, u, d, D=0.25):
     return x[0] + D*(u + d), x[1]
@@ -230,22 +241,28 @@ def test_an_output_sees_the_control_of_the_sample_before_to_the_last_bit(m, jit)
             u = 2.0*sigma/(abs(sigma) + 0.3)
         rows.append((y, e, sigma, u, d, s))
         s, ds = s + dt*ds, ds + dt*(-0.7*s + u + d)
-    for mine, theirs in zip((run.y[0], run.e[0], run.sigma, run.u, run.d, run.x.s), np.array(rows).T, strict=True):
+    for mine, theirs in zip((run.y[0], run.e[0], run.sigma, run.u, run.d, run.x.s),
+                            np.array(rows).T, strict=True):
         assert np.array_equal(mine, theirs)
 
 
 @pytest.mark.parametrize("method", ["euler", "midpoint", "rk4"])
-def test_an_output_that_sees_u_and_d_changes_neither_by_chunks_nor_by_the_compiler(monkeypatch, method):
-    whole, plain = (simulate(through, 4.0, 4e-3, tau=12e-3, method=method, jit=jit, record=100) for jit in (True, False))
+def test_an_output_that_sees_u_and_d_changes_neither_by_chunks_nor_by_the_compiler(monkeypatch,
+                                                                                   method):
+    whole, plain = (simulate(through, 4.0, 4e-3, tau=12e-3, method=method, jit=jit, record=100)
+                    for jit in (True, False))
     monkeypatch.setattr(driver, "CHUNK", 1e-9)
-    assert same(whole, plain) and same(whole, simulate(through, 4.0, 4e-3, tau=12e-3, method=method, record=100))
+    assert (same(whole, plain)
+            and same(whole, simulate(through, 4.0, 4e-3, tau=12e-3, method=method, record=100)))
 
 
 def test_an_output_may_ask_for_one_of_u_and_d():
     sees = {n: block(f) for n, f in (("u", lambda u: u), ("d", lambda d: d))}
     loop = ClosedLoop(linear, law=block(lambda t: 1.0 + t), perturbation=sine)
-    runs = {n: simulate(loop.with_(output=b), 1.0, 0.25, tau=0.5, jit=False) for n, b in sees.items()}
-    assert list(runs["u"].y) == [0.0, 1.0, 1.0, 1.5, 1.5] and np.array_equal(runs["d"].y, runs["d"].d)
+    runs = {n: simulate(loop.with_(output=b), 1.0, 0.25, tau=0.5, jit=False)
+            for n, b in sees.items()}
+    assert (list(runs["u"].y) == [0.0, 1.0, 1.0, 1.5, 1.5]
+            and np.array_equal(runs["d"].y, runs["d"].d))
 
 
 def test_channels_and_tuples_see_their_controls():
@@ -264,18 +281,23 @@ def test_who_asks_for_no_control_pays_nothing():
     """The perturbation stays behind the output, and no u before it, in the loops of all others."""
     sources = [writer.written(loop, "euler", 1e-3, 1).source for loop in (smooth, through)]
     lines, others = ([q.split("=")[0].strip() for q in s.split("\n")] for s in sources)
-    assert lines.index("out_output") < lines.index("out_reference") < lines.index("out_perturbation") < lines.index("out_law")
-    assert others.index("out_perturbation") < others.index("out_output") and others.count("out_perturbation") == 1
+    assert (lines.index("out_output") < lines.index("out_reference")
+            < lines.index("out_perturbation") < lines.index("out_law"))
+    assert (others.index("out_perturbation") < others.index("out_output")
+            and others.count("out_perturbation") == 1)
 
 
 def test_what_does_not_fit_an_output_that_asks_for_u_is_named():
     pair = block(state=dict(a=0.0, b=0.0))(lambda u: (u[0], u[1]))
     loop = ClosedLoop(pair, output=block(lambda u: u[0]), law=block(lambda t: (1.0, 2.0, 3.0)))
     for changes, said in ((dict(), r"takes 2, but the loop gives it u = \(1.0, 2.0, 3.0\)"),
-                          (dict(plant=pendulum, output=block(lambda u: u)), r"takes one number, but the loop gives it u = \(")):
+                          (dict(plant=pendulum, output=block(lambda u: u)),
+                           r"takes one number, but the loop gives it u = \(")):
         with pytest.raises(BlockError, match="^the output asks for u, of which the plant " + said):
             simulate(loop.with_(**changes), 1.0, 0.1)
-    with pytest.raises(BlockError, match=r"^output '<lambda>' fails at t = 0.*IndexError.*It was given u = \(0.0, 0.0\) "
+    with pytest.raises(BlockError,
+                       match=r"^output '<lambda>' fails at t = 0.*IndexError.*It was given u = "
+                             r"\(0.0, 0.0\) "
                        r"\(a tuple of 2\). u has 2 components, u\[0\] to u\[1\]$"):
         simulate(loop.with_(output=block(lambda u: u[2])), 1.0, 0.1)
 
@@ -283,14 +305,16 @@ def test_what_does_not_fit_an_output_that_asks_for_u_is_named():
     def never(x, u):
         return (x[5],)
 
-    with pytest.raises(BlockError, match=r"^plant 'never' could not be evaluated .* number of inputs from 1 to 8; .*IndexError"):
+    with pytest.raises(BlockError,
+                       match=r"^plant 'never' could not be evaluated .* number of inputs from 1 to "
+                             r"8; .*IndexError"):
         simulate(ClosedLoop(never, output=block(lambda u: u)), 1.0, 0.1)
     misspelt = block(state=dict(a=0.0))(lambda uu: (uu,))
     with pytest.raises(BlockError, match="^plant '<lambda>' .*'uu'$"):
         simulate(ClosedLoop(misspelt, output=block(lambda u: u)), 1.0, 0.1)
 
 
-# ---- figures over every step -----------------------------------------------------------------------------------------
+# ---- figures over every step ---------------------------------------------------------------------
 M, N = 3, 3000
 
 
@@ -356,7 +380,8 @@ def test_striding_would_hide_a_chatter_of_period_two():
     assert run.tail_turns_u == 201 and run.tail_variation_u == 402.0
 
 
-@pytest.mark.parametrize(("tail", "first"), [(1.0, 0), (0.5, 1500), (0.2, 2400), (0.001, 2997), (0.0, 3000)])
+@pytest.mark.parametrize(("tail", "first"),
+                         [(1.0, 0), (0.5, 1500), (0.2, 2400), (0.001, 2997), (0.0, 3000)])
 def test_the_tail_is_the_fraction_asked_for(full, tail, first):
     run = simulate(relay, 3.0, 1e-3, tau=3e-3, tail=tail)
     assert run.tail == pytest.approx((N - first)*1e-3)
@@ -403,7 +428,8 @@ def test_stop_at_the_start_or_never():
 
 
 def test_a_loop_without_stop_has_no_line_for_it():
-    text, other = (writer.written(q, "euler", 1e-3, 1).source for q in (relay, relay.with_(stop=left)))
+    text, other = (writer.written(q, "euler", 1e-3, 1).source
+                   for q in (relay, relay.with_(stop=left)))
     assert "left" not in text and "left" in other
 
 
@@ -412,7 +438,9 @@ def test_stop_is_one_number():
     def two(x):
         return x[0], x[1]
 
-    with pytest.raises(BlockError, match="stop 'two' must return a float, what is left until the run ends; it returned"):
+    with pytest.raises(BlockError,
+                       match="stop 'two' must return a float, what is left until the run ends; it "
+                             "returned"):
         simulate(relay.with_(stop=two), 1.0, 1e-3)
 
 
@@ -422,8 +450,10 @@ def holds(u, z, tau, time: Annotated[float, Param("T", "s", samples=True)] = 0.0
 
 
 @pytest.mark.parametrize(("time", "dt", "tau", "good"), [
-    (0.05, 1e-3, 0.05, True), (0.15, 1e-3, 0.05, True), (0.05, 1e-3, None, True), (0.3, 0.1, 0.1, True),
-    (5e-4, 1e-3, None, False), (0.05, 1e-3, 0.1, False), (0.12, 1e-3, 0.05, False), (0.0, 1e-3, None, False)])
+    (0.05, 1e-3, 0.05, True), (0.15, 1e-3, 0.05, True), (0.05, 1e-3, None, True),
+    (0.3, 0.1, 0.1, True),
+    (5e-4, 1e-3, None, False), (0.05, 1e-3, 0.1, False), (0.12, 1e-3, 0.05, False),
+    (0.0, 1e-3, None, False)])
 def test_a_time_that_a_block_counts_in_samples_is_a_multiple_of_them(time, dt, tau, good):
     loop = relay.with_(actuator=holds.with_(time=time))
     if good:
@@ -431,22 +461,28 @@ def test_a_time_that_a_block_counts_in_samples_is_a_multiple_of_them(time, dt, t
     else:
         with pytest.raises(ParameterError) as why:
             simulate(loop, 1.0, dt, tau)
-        assert str(why.value) == (f"simulate: actuator__time = {time:g} s is not allowed; it must be a multiple of "
+        assert str(why.value) == (f"simulate: actuator__time = {time:g} s is not allowed; it must "
+                                  f"be a multiple of "
                                   f"tau = {tau or dt:g} s")
 
 
-# ---- the same numbers twice ------------------------------------------------------------------------------------------
-@pytest.mark.parametrize(("law", "preset"), [(law, preset) for law, presets in smc.lv.PRESETS.items() for preset in presets])
+# ---- the same numbers twice ----------------------------------------------------------------------
+@pytest.mark.parametrize(("law", "preset"),
+                         [(law, preset) for law, presets in smc.lv.PRESETS.items()
+                          for preset in presets])
 def test_compiled_equals_plain_to_the_last_bit_launch_vehicle(law, preset):
     loop = smc.lv.loop(law, preset)
     quick, plain = (simulate(loop, 4.0, 4e-3, jit=jit, record=1000) for jit in (True, False))
     assert quick.steps == 1000 and same(quick, plain)
 
 
-@pytest.mark.parametrize(("loop", "method"), [(smooth, "euler"), (smooth, "midpoint"), (smooth, "rk4"), (relay, "euler")],
+@pytest.mark.parametrize(("loop", "method"),
+                         [(smooth, "euler"), (smooth, "midpoint"), (smooth, "rk4"),
+                          (relay, "euler")],
                          ids=["euler", "midpoint", "rk4", "relay"])
 def test_compiled_equals_plain_to_the_last_bit_own_blocks(loop, method):
-    quick, plain = (simulate(loop, 4.0, 4e-3, tau=12e-3, method=method, jit=jit, record=1000) for jit in (True, False))
+    quick, plain = (simulate(loop, 4.0, 4e-3, tau=12e-3, method=method, jit=jit, record=1000)
+                    for jit in (True, False))
     assert quick.steps == 1000 and same(quick, plain)
 
 
@@ -463,7 +499,7 @@ def test_chunks_change_no_bit(monkeypatch, preset, chunk):
     assert (whole.diverged_at is None) == (preset == "eq69")
 
 
-# ---- progress, cancel, Ctrl-C ----------------------------------------------------------------------------------------
+# ---- progress, cancel, Ctrl-C --------------------------------------------------------------------
 def test_progress_is_told_and_what_it_raises_ends_the_run():
     told = []
     run = simulate(relay, 3000.0, 1e-3, tau=3e-3, progress=told.append)
@@ -483,7 +519,9 @@ def test_progress_is_told_and_what_it_raises_ends_the_run():
     with pytest.raises(Cancelled):
         simulate(relay, 3000.0, 1e-3, tau=3e-3, progress=cancel)
     assert len(told) == 2 and told[1] < 0.5
-    assert same(simulate(relay, 1.0, 1e-3, tau=3e-3), simulate(relay, 1.0, 1e-3, tau=3e-3, jit=False))  # none the worse
+    # none the worse
+    assert same(simulate(relay, 1.0, 1e-3, tau=3e-3),
+                simulate(relay, 1.0, 1e-3, tau=3e-3, jit=False))
 
 
 @settings(max_examples=50)
@@ -510,7 +548,8 @@ def test_ctrl_c_ends_a_long_run_within_a_second(new_python):
     said = new_python("""
 import os, signal, threading, time
 import smcaero_nb as smc
-signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell may start what runs in its background without it
+# a shell may start what runs in its background without this handler
+signal.signal(signal.SIGINT, signal.default_int_handler)
 loop = smc.lv.loop("quasi_smc", "eq69")
 smc.simulate(loop, 1.0)
 sent = []
@@ -536,7 +575,8 @@ loop = smc.lv.loop("quasi_smc", "eq69")
 smc.simulate(loop, 1.0)
 before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 run = smc.simulate(loop, 300.0, 1e-4)
-used = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)*(1 if sys.platform == "darwin" else 1024)
+unit = 1 if sys.platform == "darwin" else 1024
+used = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)*unit
 print(run.steps, len(run.t), used)
 """)
     steps, rows, used = map(int, said.split())
@@ -560,18 +600,22 @@ def test_threads_may_simulate_at_once(monkeypatch):
         return halved(sigma, 3)
 
     with ThreadPoolExecutor(4) as pool, event.install_recorder("numba:compile") as recorder:
-        results = [*pool.map(lambda k: simulate(relay.with_(law=recursive, plant__k=k), 1.0, 0.01), (0.5, 0.6, 0.5, 0.6))]
+        results = [*pool.map(lambda k: simulate(relay.with_(law=recursive, plant__k=k), 1.0, 0.01),
+                             (0.5, 0.6, 0.5, 0.6))]
     assert len(made) == 1
-    assert same(results[0], results[2]) and same(results[1], results[3]) and not same(results[0], results[1])
-    assert same(results[0], simulate(relay.with_(law=recursive, plant__k=0.5), 1.0, 0.01, jit=False))
-    assert len([e for _, e in recorder.buffer if e.is_start and e.data["dispatcher"].py_func.__name__ == "run"]) == 1
+    assert (same(results[0], results[2]) and same(results[1], results[3])
+            and not same(results[0], results[1]))
+    assert same(results[0],
+                simulate(relay.with_(law=recursive, plant__k=0.5), 1.0, 0.01, jit=False))
+    assert len([e for _, e in recorder.buffer if e.is_start
+                and e.data["dispatcher"].py_func.__name__ == "run"]) == 1
 
 
 def halved(s, n):
     return s if n == 0 else 0.5*halved(s, n - 1)
 
 
-# ---- compilations ----------------------------------------------------------------------------------------------------
+# ---- compilations --------------------------------------------------------------------------------
 def test_a_changed_parameter_costs_no_compilation():
     @block
     def law_of_its_own(sigma, k: Param("k", low=0.0) = 0.123456, n: int = 2, on: bool = True):
@@ -579,19 +623,23 @@ def test_a_changed_parameter_costs_no_compilation():
 
     loop = smooth.with_(law=law_of_its_own, actuator=None)
     with event.install_recorder("numba:compile") as recorder:
-        results = [simulate(loop.with_(**changes), 1.0, 0.01, tau=tau, record=record).mean_u for changes, tau, record in (
-            (dict(law__k=1.0), 0.01, 100), (dict(law__k=2.0), 0.01, 100), (dict(law__n=3), 0.02, 10),
+        results = [simulate(loop.with_(**changes), 1.0, 0.01, tau=tau, record=record).mean_u
+                   for changes, tau, record in (
+            (dict(law__k=1.0), 0.01, 100), (dict(law__k=2.0), 0.01, 100),
+            (dict(law__n=3), 0.02, 10),
             (dict(law__on=False), None, 7),
-            (dict(plant__s=0.1, plant__k=0.4), None, 7), (dict(surface__c=2.0, surface__integral=0.5), None, 7))]
+            (dict(plant__s=0.1, plant__k=0.4), None, 7),
+            (dict(surface__c=2.0, surface__integral=0.5), None, 7))]
     started = [e.data["dispatcher"].py_func.__name__ for _, e in recorder.buffer if e.is_start]
     assert started.count("run") == 1
     assert len(started) == len(set(started))  # nor was any block compiled twice
     assert len(set(results)) == len(results)
 
 
-# ---- divergence ------------------------------------------------------------------------------------------------------
+# ---- divergence ----------------------------------------------------------------------------------
 def finite(run):
-    """Whether all that a run gives is finite, but for the tail figures of one that ended before its tail."""
+    """Whether all that a run gives is finite, but for the tail figures of one that ended before its
+    tail."""
     def of(v):
         if isinstance(v, (dict, SimpleNamespace)):
             return all(map(of, (vars(v) if isinstance(v, SimpleNamespace) else v).values()))
@@ -604,14 +652,16 @@ def finite(run):
 
 @pytest.mark.parametrize("jit", [True, False])
 def test_a_gain_of_the_wrong_sign_is_flagged_at_the_right_step(jit):
-    loop = ClosedLoop(linear.with_(a=0.0), output=none_but_plus, law=smc.smc1.quasi_smc.with_(rho=1.0, eps=1e-9))
+    loop = ClosedLoop(linear.with_(a=0.0), output=none_but_plus,
+                      law=smc.smc1.quasi_smc.with_(rho=1.0, eps=1e-9))
     assert simulate(loop, 10.0, 1e-2, jit=jit).diverged_at is None
     grows = ClosedLoop(linear.with_(a=2.0), allocation=nothing)
     run = simulate(grows, 100.0, 1e-2, jit=jit)
     k = math.ceil(math.log(5e11)/math.log(1.02))  # |x| + |e| passes 1e12
     assert run.diverged_at == k*1e-2 and run.steps == k
     assert finite(run) and run.t[-1] < run.diverged_at and abs(run.x.x[-1]) <= 1e12
-    assert run.mean_e == pytest.approx((1.02**k - 1)/0.02/k, rel=1e-9)  # the mean over the valid steps
+    # the mean over the valid steps
+    assert run.mean_e == pytest.approx((1.02**k - 1)/0.02/k, rel=1e-9)
     assert run.metrics().diverged_at == run.diverged_at and run.metrics().reaching_time == math.inf
 
 
@@ -623,15 +673,18 @@ def none_but_plus(x):
 def poisoned(stage, bad):
     """A loop in which that stage goes bad at t = 0.5."""
     namespace = {"block": block, "bad": bad}
-    arguments, good = dict(reference=("t", "0.1*t"), output=("t, x", "x[0]"), differentiator=("t, e", "e"),
-                           surface=("t, e", "e"), law=("t, sigma", "sigma"), allocation=("t, v", "v"), actuator=("t, u", "u"),
+    arguments, good = dict(reference=("t", "0.1*t"), output=("t, x", "x[0]"),
+                           differentiator=("t, e", "e"),
+                           surface=("t, e", "e"), law=("t, sigma", "sigma"),
+                           allocation=("t, v", "v"), actuator=("t, u", "u"),
                            perturbation=("t", "0.3"))[stage]
     exec(f"@block\ndef turns_bad({arguments}):\n    return {good} if t < 0.5 else bad", namespace)
     return ClosedLoop(linear, **{"output": none_but_plus, stage: namespace["turns_bad"]})
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
-@pytest.mark.parametrize("stage", ["reference", "output", "surface", "law", "allocation", "actuator", "perturbation"])
+@pytest.mark.parametrize("stage", ["reference", "output", "surface", "law", "allocation",
+                                   "actuator", "perturbation"])
 def test_what_is_not_finite_ends_the_run_before_it_is_recorded(stage, bad):
     run = simulate(poisoned(stage, bad), 1.0, 1/64, jit=False, record=64)
     assert run.diverged_at == 0.5 and run.steps == 32
@@ -650,7 +703,8 @@ def test_a_memory_that_goes_bad_is_found():
         return (e, e if t < 0.5 else math.nan), (z[0],)
 
     for stage in (dict(law=forgets), dict(differentiator=differentiates, surface=head)):
-        run = simulate(ClosedLoop(linear, output=none_but_plus, **stage), 1.0, 1/64, jit=False, record=64)
+        run = simulate(ClosedLoop(linear, output=none_but_plus, **stage), 1.0, 1/64, jit=False,
+                       record=64)
         assert run.diverged_at == 0.5 and len(run.t) == 32 and finite(run)
 
 
@@ -665,7 +719,8 @@ def test_a_bad_number_that_the_actuator_hides_is_found():
         return max(-1.0, min(1.0, u))  # of a NaN it makes 1
 
     run = simulate(poisoned("law", math.nan).with_(actuator=clips), 1.0, 1/64, tau=1/32, record=64)
-    plain = simulate(poisoned("law", math.nan).with_(actuator=clips), 1.0, 1/64, tau=1/32, record=64, jit=False)
+    plain = simulate(poisoned("law", math.nan).with_(actuator=clips), 1.0, 1/64, tau=1/32,
+                     record=64, jit=False)
     assert run.diverged_at == 0.5 and finite(run) and same(run, plain)
 
 
@@ -697,7 +752,7 @@ def test_a_run_that_is_out_of_bounds_from_the_start_has_no_rows():
     assert "diverged_at = 0 s" in str(run.metrics()) and run.metrics().reaching_time == math.inf
 
 
-# ---- bad input -------------------------------------------------------------------------------------------------------
+# ---- bad input -----------------------------------------------------------------------------------
 @pytest.mark.parametrize(("arguments", "words"), [
     (dict(duration=None), ["duration [s] is not given"]),
     (dict(dt=None), ["dt [s] is not given"]),
@@ -744,11 +799,15 @@ OUTPUTS = [("law", "None", "must return a float or a tuple of floats; it returne
            ("law", "1j*sigma", "it returned 1j"),
            ("output", "None", "must return a float or a tuple of floats; it returned None"),
            ("plant", "(1.0,)", "must return dx/dt as a tuple of 2 (s, ds); it returned (1.0,)"),
-           ("plant", "(1.0, 2.0, 3.0)", "must return dx/dt as a tuple of 2 (s, ds); it returned (1.0, 2.0, 3.0)"),
+           ("plant", "(1.0, 2.0, 3.0)",
+            "must return dx/dt as a tuple of 2 (s, ds); it returned (1.0, 2.0, 3.0)"),
            ("plant", "1.0", "must return dx/dt as a tuple of 2 (s, ds); it returned 1"),
-           ("plant", "(1.0, (2.0,))", "must return dx/dt as a tuple of 2 (s, ds); it returned (1.0, (2.0,))"),
-           ("memory", "sigma", "must return (output, next z), next z a tuple of 2 (a, b); it returned 1"),
-           ("memory", "sigma, z[0]", "must return (output, next z), next z a tuple of 2 (a, b); it returned (1.0, 0.0)"),
+           ("plant", "(1.0, (2.0,))",
+            "must return dx/dt as a tuple of 2 (s, ds); it returned (1.0, (2.0,))"),
+           ("memory", "sigma",
+            "must return (output, next z), next z a tuple of 2 (a, b); it returned 1"),
+           ("memory", "sigma, z[0]",
+            "must return (output, next z), next z a tuple of 2 (a, b); it returned (1.0, 0.0)"),
            ("memory", "sigma, (0.0,)", "next z a tuple of 2 (a, b); it returned (1.0, (0.0,))"),
            ("memory", "sigma, [0.0, 0.0]", "next z a tuple of 2 (a, b)"),
            ("memory", "None, z", "must return a float or a tuple of floats; it returned None")]
@@ -761,7 +820,8 @@ def test_an_output_of_the_wrong_kind_or_length_is_named(stage, returned, words):
                 memory="@block(state=dict(a=0.0, b=0.0))\ndef wrong(sigma, z)")[stage]
     namespace = {"block": block}
     exec(f"{head}: return {returned}", namespace)
-    stages = {"plant": cart.with_(s=-1.0), "output": none_but_plus, "law" if stage == "memory" else stage: namespace["wrong"]}
+    stages = {"plant": cart.with_(s=-1.0), "output": none_but_plus,
+              "law" if stage == "memory" else stage: namespace["wrong"]}
     with pytest.raises(BlockError) as why:
         simulate(ClosedLoop(**stages), 1.0, 0.1)
     assert str(why.value).startswith(f"{'law' if stage == 'memory' else stage} 'wrong' ")
@@ -788,7 +848,8 @@ def test_a_block_that_raises_at_the_start_is_named_with_its_line_and_what_it_was
     with pytest.raises(BlockError) as why:
         simulate(smooth.with_(law=divides), 1.0, 0.1)
     said = str(why.value)
-    assert said.startswith(f"law 'divides' fails at t = 0, line {line_of(deeper, '1.0/q')} (return 1.0/q): ZeroDivisionError: ")
+    assert said.startswith(f"law 'divides' fails at t = 0, line {line_of(deeper, '1.0/q')} (return "
+                           f"1.0/q): ZeroDivisionError: ")
     assert "It was given e = (-0.3, 0.2) (a tuple of 2), sigma = " in said
     assert isinstance(why.value.__cause__, ZeroDivisionError)
 
@@ -798,12 +859,15 @@ def test_the_shape_that_a_block_did_not_expect_is_shown():
     def wants_pairs(sigma):
         return sigma[0]
 
-    with pytest.raises(BlockError, match=r"law 'wants_pairs' fails at t = 0.*'float' object is not subscriptable.*sigma = -"):
+    with pytest.raises(BlockError,
+                       match=r"law 'wants_pairs' fails at t = 0.*'float' object is not "
+                             r"subscriptable.*sigma = -"):
         simulate(smooth.with_(law=wants_pairs), 1.0, 0.1)
 
 
 def uncompilable():
-    """Blocks that Python runs and numba does not compile: (block, function, text of the line to name)."""
+    """Blocks that Python runs and numba does not compile: (block, function, text of the line to
+    name)."""
     def words(q):
         return q if q > -9.0 else "negative"
 
@@ -826,7 +890,8 @@ def uncompilable():
             (by_generator, by_generator.f, "sum(")]
 
 
-@pytest.mark.parametrize(("law", "fault", "text"), uncompilable(), ids=lambda q: getattr(q, "name", ""))
+@pytest.mark.parametrize(("law", "fault", "text"), uncompilable(),
+                         ids=lambda q: getattr(q, "name", ""))
 def test_a_block_that_numba_cannot_compile_is_named_with_its_line(law, fault, text):
     loop = smooth.with_(law=law)
     assert simulate(loop, 0.1, 0.01, jit=False).diverged_at is None
@@ -850,7 +915,8 @@ def test_a_block_that_raises_later_ends_the_run_with_its_own_exception():
 
 
 def test_blocks_without_a_proper_name_run():
-    assert simulate(relay.with_(law=block(lambda sigma: 0.5*sigma)), 1.0, 0.01, jit=False).steps == 100
+    assert simulate(relay.with_(law=block(lambda sigma: 0.5*sigma)), 1.0, 0.01,
+                    jit=False).steps == 100
 
 
 def test_numpy_functions_may_be_used():
@@ -907,7 +973,7 @@ def test_interrupt_of_a_plain_run():
         signal.signal(signal.SIGINT, before)
 
 
-# ---- the outcome of a call depends on its arguments alone ------------------------------------------------------------
+# ---- the outcome of a call depends on its arguments alone ----------------------------------------
 @block
 def inverse(sigma, k=2.0):
     return sigma/(k - 1.0)
@@ -919,7 +985,8 @@ def test_a_value_that_fails_at_the_start_is_refused_whatever_ran_before(own_memo
     for first in (lambda: None, lambda: simulate(loop)):
         first()
         for jit in (True, False):
-            with pytest.raises(BlockError, match="^law 'inverse' fails at t = 0, line .* ZeroDivisionError"):
+            with pytest.raises(BlockError,
+                               match="^law 'inverse' fails at t = 0, line .* ZeroDivisionError"):
                 simulate(refused, jit=jit)
     simulate(loop)
 
@@ -931,7 +998,8 @@ def test_a_sampling_step_or_start_that_fails_is_refused_whatever_ran_before(own_
 
     loop = ClosedLoop(linear, law=late, duration=1.0, dt=0.1)
     simulate(loop)
-    for bad, said in ((loop.with_(tau=0.2), "ZeroDivisionError"), (loop.with_(law__w=-1.0), "ValueError")):
+    for bad, said in ((loop.with_(tau=0.2), "ZeroDivisionError"),
+                      (loop.with_(law__w=-1.0), "ValueError")):
         with pytest.raises(BlockError, match=f"law 'late' fails at t = 0.*{said}"):
             simulate(bad)
 
@@ -947,15 +1015,18 @@ def test_a_truth_value_at_the_start_is_refused_whatever_ran_before(own_memory):
 
 def test_the_number_of_inputs_does_not_depend_on_what_ran_before(own_memory):
     plant = block(state=dict(x=1.0))(lambda u, k=2.0: (u/(k - 1.0),))
-    loop = ClosedLoop(plant, output=block(lambda x, u: x[0]), law=block(lambda sigma: -sigma), duration=1.0, dt=0.1)
+    loop = ClosedLoop(plant, output=block(lambda x, u: x[0]), law=block(lambda sigma: -sigma),
+                      duration=1.0, dt=0.1)
     for first in (lambda: None, lambda: simulate(loop)):
         first()
-        with pytest.raises(BlockError, match="^plant '<lambda>' could not be evaluated at its initial state"):
+        with pytest.raises(BlockError,
+                           match="^plant '<lambda>' could not be evaluated at its initial state"):
             simulate(loop.with_(plant__k=1.0))
 
 
-# ---- a plant with one state, and shapes that do not fit --------------------------------------------------------------
-SCALAR_LAWS = [smc.smc1.sign_smc, smc.smc1.quasi_smc, smc.smc1.saturation_smc, smc.smc1.tanh_smc, smc.smc2.super_twisting,
+# ---- a plant with one state, and shapes that do not fit ------------------------------------------
+SCALAR_LAWS = [smc.smc1.sign_smc, smc.smc1.quasi_smc, smc.smc1.saturation_smc, smc.smc1.tanh_smc,
+               smc.smc2.super_twisting,
                smc.smc1.dual_layer_smc]
 
 
@@ -969,28 +1040,34 @@ def own_memory(monkeypatch):
 @pytest.mark.parametrize("jit", [True, False])
 def test_of_a_plant_with_one_state_and_no_output_y_is_a_number(law, jit):
     run = simulate(ClosedLoop(linear, law=law), 1.0, 0.01, jit=jit)
-    assert isinstance(run.y, np.ndarray) and np.array_equal(run.y, run.x.x) and np.array_equal(run.e, -run.x.x)
+    assert (isinstance(run.y, np.ndarray) and np.array_equal(run.y, run.x.x)
+            and np.array_equal(run.e, -run.x.x))
 
 
 def test_an_error_of_shape_speaks_of_the_shape_and_the_way_out():
     two = block(state=dict(a=1.0, b=0.0))(lambda x, u: (x[1], u))
     pair = r"= \(-?1.0, -?0.0\) \(a tuple of 2\)\. "
-    for law, said in ((lambda sigma: 2.0*(sigma > 0.0), pair + r"sigma\[0\] is the first component of sigma; a stage"),
+    for law, said in ((lambda sigma: 2.0*(sigma > 0.0),
+                       pair + r"sigma\[0\] is the first component of sigma; a stage"),
                       (lambda e: 2.0*e, pair + r"e\[0\] is the first component of e; a stage"),
                       (lambda e: e[2], pair + r"e has 2 components, e\[0\] to e\[1\]"),
                       (lambda y: sum(*zip(*y, strict=False)), pair.removesuffix(r"\. "))):
         with pytest.raises(BlockError, match="^law '<lambda>' fails at t = 0.*" + said):
             simulate(ClosedLoop(two, law=block(law)), 1.0, 0.1)
-    with pytest.raises(BlockError, match=r"sigma = -1 \(a number\)\. A number has no components: write sigma"):
+    with pytest.raises(BlockError,
+                       match=r"sigma = -1 \(a number\)\. A number has no components: write sigma"):
         simulate(ClosedLoop(linear, law=block(lambda sigma: sigma[0])), 1.0, 0.1)
-    with pytest.raises(BlockError, match=r"write u, without an index, or let a stage before this one"):
+    with pytest.raises(BlockError,
+                       match=r"write u, without an index, or let a stage before this one"):
         simulate(ClosedLoop(block(state=dict(x=1.0))(lambda x, u: (u[0],))), 1.0, 0.1)
-    with pytest.raises(BlockError, match=r"law 'twisting' .*\(a number\).* before this one .* give several"):
+    with pytest.raises(BlockError,
+                       match=r"law 'twisting' .*\(a number\).* before this one .* give several"):
         simulate(ClosedLoop(linear, law=smc.smc2.twisting), 1.0, 0.1)
 
 
 def test_a_state_that_is_a_tuple_is_refused_with_the_way_out():
-    with pytest.raises(BlockError, match=r"state w = \(0.0, 0.0, 0.0\) .*name one for each number, w_0, w_1"):
+    with pytest.raises(BlockError,
+                       match=r"state w = \(0.0, 0.0, 0.0\) .*name one for each number, w_0, w_1"):
         block(state=dict(w=(0.0, 0.0, 0.0)))(lambda x: x)
 
 
@@ -1003,27 +1080,35 @@ def test_tail_figures_of_run_and_metrics_have_one_shape():
             assert np.all(np.equal(getattr(run, name), getattr(run.metrics(), name)))
 
 
-# ---- chance ----------------------------------------------------------------------------------------------------------
+# ---- chance --------------------------------------------------------------------------------------
 CHANCE = {
     "a module": "import numpy as np\ndef law(sigma): return np.random.normal()",
     "a function": "from numpy.random import normal\ndef law(sigma): return normal()",
     "python's own": "import random\ndef law(sigma): return random.random()",
     "python's own function": "from random import uniform\ndef law(sigma): return uniform(0.0, 1.0)",
-    "a helper": "import numpy as np\ndef noise(): return np.random.rand()\ndef law(sigma): return noise()",
-    "a numba helper": ("import numba, numpy as np\n@numba.njit\ndef noise(): return np.random.rand()\n"
+    "a helper": "import numpy as np\ndef noise(): return np.random.rand()\n"
+                "def law(sigma): return noise()",
+    "a numba helper": ("import numba, numpy as np\n@numba.njit\n"
+                       "def noise(): return np.random.rand()\n"
                        "def law(sigma): return noise()"),
-    "a generator": "import numpy as np\nrng = np.random.default_rng(1)\ndef law(sigma): return rng.normal()",
-    "a module of helpers": ("import types, numpy as np\nm = types.ModuleType('m')\nm.f = np.random.rand\n"
+    "a generator": "import numpy as np\nrng = np.random.default_rng(1)\n"
+                   "def law(sigma): return rng.normal()",
+    "a module of helpers": ("import types, numpy as np\nm = types.ModuleType('m')\n"
+                            "m.f = np.random.rand\n"
                             "def law(sigma): return m.f()"),
-    "a closure": ("import numpy as np\ndef make(r):\n    def law(sigma): return r.rand()\n    return law\n"
+    "a closure": ("import numpy as np\ndef make(r):\n    def law(sigma): return r.rand()\n"
+                  "    return law\n"
                   "law = make(np.random)"),
-    "a tuple of helpers": ("import numba, numpy as np\n@numba.njit\ndef noise(s): return np.random.rand()\n"
+    "a tuple of helpers": ("import numba, numpy as np\n@numba.njit\n"
+                           "def noise(s): return np.random.rand()\n"
                            "both = (noise, 1.0)\ndef law(sigma): return both[0](sigma)"),
     "a default of a helper": ("import numpy as np\ndef noise(s, f=np.random.rand): return f()\n"
                               "def law(sigma): return noise(sigma)"),
-    "a callback of C": ("import numba, numpy as np\n@numba.cfunc('f8(f8)')\ndef noise(s): return np.random.rand()\n"
+    "a callback of C": ("import numba, numpy as np\n@numba.cfunc('f8(f8)')\n"
+                        "def noise(s): return np.random.rand()\n"
                         "def law(sigma): return noise(sigma)"),
-    "a ufunc": ("import numba, numpy as np\n@numba.vectorize\ndef noise(s): return np.random.rand()\n"
+    "a ufunc": ("import numba, numpy as np\n@numba.vectorize\n"
+                "def noise(s): return np.random.rand()\n"
                 "def law(sigma): return noise(sigma)"),
 }
 
@@ -1032,11 +1117,13 @@ CHANCE = {
 @pytest.mark.parametrize("jit", [True, False])
 def test_a_block_that_draws_random_numbers_is_refused_with_the_way_out(how, jit):
     exec(CHANCE[how], names := {"__name__": "__main__"})
-    with pytest.raises(BlockError, match="law 'law' draws random numbers with (numpy.)?random, .*default_rng"):
+    with pytest.raises(BlockError,
+                       match="law 'law' draws random numbers with (numpy.)?random, .*default_rng"):
         simulate(ClosedLoop(linear, law=block(names["law"])), 1.0, 0.1, jit=jit)
 
 
 def test_numbers_that_were_drawn_once_may_have_any_name():
     exec("import numpy as np\nrandom = np.random.default_rng(1).standard_normal(100)\n"
-         "def law(sigma, t): return np.abs(random[int(t)]) - sigma", names := {"__name__": "__main__"})
+         "def law(sigma, t): return np.abs(random[int(t)]) - sigma",
+         names := {"__name__": "__main__"})
     assert simulate(ClosedLoop(linear, law=block(names["law"])), 1.0, 0.1, jit=False).steps == 10

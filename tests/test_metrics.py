@@ -32,7 +32,8 @@ def triangle(t):
 
 
 def test_means_and_chattering_of_a_wave_that_is_known():
-    run = simulate(ClosedLoop(falls, output=minus, allocation=triangle), 4.0, 1/8, tail=0.5, record=32, jit=False)
+    run = simulate(ClosedLoop(falls, output=minus, allocation=triangle), 4.0, 1/8, tail=0.5,
+                   record=32, jit=False)
     assert list(run.u[:5]) == [1.0, 0.0, -1.0, 0.0, 1.0]
     m = run.metrics()
     assert m.J_u == 0.5 and m.max_u == 1.0
@@ -46,19 +47,23 @@ def test_means_and_chattering_of_a_wave_that_is_known():
 def test_reaching_time_of_a_relay_is_exact_to_a_row():
     loop = ClosedLoop(falls, output=minus, law=smc.smc1.sign_smc.with_(rho=0.5))
     run = simulate(loop, 4.0, 1/64, record=256, jit=False)
-    assert reaching_time(run, band=0.25) == [1.5 + 1/64]  # 1 - t/2 <= 1/4 from 1.5 on; a row covers what came before it
-    assert run.tail_sigma == 0.0 and reaching_time(run) == [2.0 + 1/64] == [run.metrics().reaching_time]
+    # 1 - t/2 <= 1/4 from 1.5 on; a row covers what came before it
+    assert reaching_time(run, band=0.25) == [1.5 + 1/64]
+    assert (run.tail_sigma == 0.0
+            and reaching_time(run) == [2.0 + 1/64] == [run.metrics().reaching_time])
     assert reaching_time(run, band=2.0) == [0.0]
     assert reaching_time(simulate(loop, 1.0, 1/64, jit=False), band=0.25) == [math.inf]
 
 
 def test_reaching_time_is_the_same_from_either_side_and_its_default_band_is_twice_the_tail():
     loop = ClosedLoop(falls, output=minus, law=smc.smc1.sign_smc.with_(rho=0.7))
-    down, up = (simulate(loop.with_(plant__s=s), 4.0, 1/64, record=256, jit=False) for s in (1.0, -1.0))
+    down, up = (simulate(loop.with_(plant__s=s), 4.0, 1/64, record=256, jit=False)
+                for s in (1.0, -1.0))
     assert down.tail_sigma == up.tail_sigma > 0.0
     for band in (0.5, 2*up.tail_sigma):
         assert reaching_time(down, band) == reaching_time(up, band)
-    assert reaching_time(up) == reaching_time(up, 2*up.tail_sigma) != reaching_time(up, 3*up.tail_sigma)
+    assert (reaching_time(up)
+            == reaching_time(up, 2*up.tail_sigma) != reaching_time(up, 3*up.tail_sigma))
     assert reaching_time(up, 0.999*up.tail_sigma) == [math.inf]
 
 
@@ -68,13 +73,15 @@ def test_a_band_is_judged_on_every_step_not_on_the_rows():
         """Zero at every even step."""
         return e*(z[0] % 2.0), (z[0] + 1.0,)
 
-    run = simulate(ClosedLoop(falls, output=minus, surface=spikes, allocation=triangle), 4.0, 1/8, record=16, jit=False)
+    run = simulate(ClosedLoop(falls, output=minus, surface=spikes, allocation=triangle), 4.0, 1/8,
+                   record=16, jit=False)
     assert np.all(run.sigma[:-1] == 0.0)
     assert reaching_time(run, band=0.1) == [math.inf]
 
 
 def test_a_reference_that_is_met_from_the_start():
-    run = simulate(ClosedLoop(falls, reference=one, output=itself, law=smc.smc1.sign_smc), 1.0, 0.1, jit=False)
+    run = simulate(ClosedLoop(falls, reference=one, output=itself, law=smc.smc1.sign_smc), 1.0, 0.1,
+                   jit=False)
     m = run.metrics()
     assert m == Metrics(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, None)
 
@@ -86,12 +93,16 @@ def one(t):
 
 def test_rows_text_and_table_say_the_same():
     m = Metrics(0.5, (1.0, 2.0), 3.0, 0.25, 0.125, math.inf, 12345.678, 4.0, None)
-    assert m.rows() == [("J_e", "0.5", ""), ("J_u", "1, 2", ""), ("max_u", "3", ""), ("tail_e", "0.25", ""),
-                        ("tail_sigma", "0.125", ""), ("reaching_time", "inf", "s"), ("variation_u", "1.235e+04", "1/s"),
+    assert m.rows() == [("J_e", "0.5", ""), ("J_u", "1, 2", ""), ("max_u", "3", ""),
+                        ("tail_e", "0.25", ""),
+                        ("tail_sigma", "0.125", ""), ("reaching_time", "inf", "s"),
+                        ("variation_u", "1.235e+04", "1/s"),
                         ("turns_u", "4", "1/s")]
-    assert str(m) == ("J_e = 0.5   J_u = 1, 2   max_u = 3   tail_e = 0.25   tail_sigma = 0.125   reaching_time = inf s   "
+    assert str(m) == ("J_e = 0.5   J_u = 1, 2   max_u = 3   tail_e = 0.25   tail_sigma = 0.125   "
+                      "reaching_time = inf s   "
                       "variation_u = 1.235e+04 1/s   turns_u = 4 1/s")
     table = m._repr_html_()
     assert table.count("<th>") == table.count("<td>") == 8
     assert "<th>reaching_time [s]</th>" in table and "<td>1.235e+04</td>" in table
-    assert "diverged_at = 2.5 s" in str(Metrics(0.5, 1.0, 3.0, 0.25, 0.125, math.inf, 1.0, 4.0, 2.5))
+    assert "diverged_at = 2.5 s" in str(Metrics(0.5, 1.0, 3.0, 0.25, 0.125, math.inf, 1.0, 4.0,
+                                                2.5))

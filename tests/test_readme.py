@@ -1,11 +1,37 @@
-"""The README's code runs, and its links lead somewhere."""
+"""The code in README and CONTRIBUTING runs, and their links lead somewhere."""
 
+import inspect
 import pathlib
 import re
+import textwrap
+
+import pytest
+
+import smcaero_nb as smc
 
 ROOT = pathlib.Path(__file__).parents[1]
 README = (ROOT/"README.md").read_text(encoding="utf-8")
-BLOCKS = re.findall(r"```python\n(.*?)```", README, re.S)
+CONTRIBUTING = (ROOT/"CONTRIBUTING.md").read_text(encoding="utf-8")
+
+
+def code(text):
+    """The Python blocks of a text."""
+    found = re.findall(r"^( *)```python\n(.*?)^ *```", text, re.M | re.S)
+    return [textwrap.dedent(block) for _, block in found]
+
+
+BLOCKS = code(README)
+LAW, THEOREM, PLANT, STAGE, NOTEBOOK = code(CONTRIBUTING)
+
+
+def run(text, where, **names):
+    """Run a block of a text, and the tests in it."""
+    names = {"__name__": "contributing", **names}
+    exec(compile(text, where, "exec"), names)
+    for name, test in [*names.items()]:
+        if name.startswith("test_"):
+            test()
+    return names
 
 
 def test_the_example_runs(tmp_path, monkeypatch, capsys):
@@ -17,16 +43,43 @@ def test_the_example_runs(tmp_path, monkeypatch, capsys):
 
 
 def test_own_plant_and_law_run_compiled_and_plain_alike(capsys):
-    exec(compile(BLOCKS[1], "README, An own plant", "exec"), {"__name__": "readme"})
+    exec(compile(BLOCKS[1], "README, Your own plant", "exec"), {"__name__": "readme"})
     compiled, plain = capsys.readouterr().out.strip().split("\n")
     assert compiled == plain and "diverged" not in compiled
 
 
-def test_links_and_names_exist():
-    for target in re.findall(r"\]\(([^)#:]+)\)", README):
+def test_the_law_of_contributing_is_a_law_of_the_kit(monkeypatch):
+    names = run(LAW, "CONTRIBUTING, A law", __name__="smcaero_nb.smc1.proportional",
+                __package__="smcaero_nb.smc1")
+    law = names["proportional_smc"]
+    monkeypatch.setattr(smc.smc1, "proportional_smc", law, raising=False)
+    run(THEOREM, "CONTRIBUTING, A law, its test")
+    smc.ui.mask(law)
+    doc = inspect.cleandoc(law.__doc__)
+    assert all(f"\n{title}\n---" in doc for title in ("Parameters", "Returns", "References"))
+    for name, meta in law.params.items():
+        assert f"\n{name} : float\n" in doc and meta.symbol and meta.unit and meta.help
+
+
+@pytest.mark.parametrize(("text", "where"), [(PLANT, "A plant"), (STAGE, "A stage"),
+                                             (NOTEBOOK, "A notebook")])
+def test_the_other_examples_of_contributing_run(text, where):
+    run(text, f"CONTRIBUTING, {where}")
+
+
+def test_contributing_names_files_that_exist():
+    new = {"smcaero_nb/smc1/proportional.py", "smcaero_nb/applications/tank.py",
+           "notebooks/NN_name.ipynb"}
+    for name in {*re.findall(r"`([\w/]+\.(?:py|md|toml|txt|yml|cff|ipynb))`", CONTRIBUTING)} - new:
+        assert (ROOT/name).is_file(), name
+
+
+@pytest.mark.parametrize("text", [README, CONTRIBUTING], ids=["README", "CONTRIBUTING"])
+def test_links_and_names_exist(text):
+    for target in re.findall(r"\]\(([^)#:]+)(?:#[\w-]+)?\)", text):
         assert (ROOT/target).is_file(), target
-    for notebook in set(re.findall(r"`(\d\d_\w+)`", README)):
+    for notebook in set(re.findall(r"`(\d\d_\w+)`", text)):
         assert (ROOT/"notebooks"/f"{notebook}.ipynb").is_file(), notebook
     makefile = (ROOT/"Makefile").read_text(encoding="utf-8")
-    for goal in set(re.findall(r"make ([a-z-]+)(?= |`)", README)):
+    for goal in set(re.findall(r"make ([a-z-]+)(?= |`)", text)):
         assert re.search(rf"^{goal}:", makefile, re.M), goal

@@ -1,22 +1,30 @@
-"""What a newcomer meets first: the Makefile's words when Python does not fit, and the list of exact versions."""
+"""What a newcomer meets first: the Makefile's words when Python does not fit, and the list of exact
+versions."""
 
 import os
 import re
 import shutil
 import subprocess
 import sys
+import tarfile
 import tomllib
+import zipfile
 from importlib.metadata import requires, version
 from pathlib import Path
 
 import pytest
+import yaml
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
+import smcaero_nb as smc
+
 ROOT = Path(__file__).parents[1]
-PINS = dict(line.split("==") for line in (ROOT / "constraints.txt").read_text().splitlines() if "==" in line)
+PINS = dict(line.split("==") for line in (ROOT / "constraints.txt").read_text().splitlines()
+            if "==" in line)
 PINS = {canonicalize_name(name): version for name, version in PINS.items()}
-PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+PYPROJECT = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+PROJECT = tomllib.loads(PYPROJECT)["project"]
 ASKED = [
     Requirement(need)
     for needs in (PROJECT["dependencies"], *PROJECT["optional-dependencies"].values())
@@ -42,12 +50,15 @@ def kit(tmp_path):
 def make(folder, *args, **env):
     left_out = {"MAKEFLAGS", "MAKELEVEL", "MAKEOVERRIDES", "MFLAGS", "PYTHON", "ARGS"}
     env = {k: v for k, v in os.environ.items() if k not in left_out} | {"LC_ALL": "C"} | env
-    return subprocess.run([shutil.which("make"), *args], cwd=folder, env=env, capture_output=True, text=True)
+    return subprocess.run([shutil.which("make"), *args], cwd=folder, env=env, capture_output=True,
+                          text=True)
 
 
 def fake_python(path, change):
-    """An interpreter that differs from this one by `change`, a statement run before what it is asked to run."""
-    path.write_text(f"""#!/bin/sh\nexec "{sys.executable}" -c 'import sys; {change}; exec(sys.argv[2])' "$@"\n""")
+    """An interpreter that differs from this one by `change`, a statement run before what it is
+    asked to run."""
+    run = f"import sys; {change}; exec(sys.argv[2])"
+    path.write_text(f"""#!/bin/sh\nexec "{sys.executable}" -c '{run}' "$@"\n""")
     path.chmod(0o755)
     return path
 
@@ -65,7 +76,8 @@ def ready(folder, made_in=None, venv=".venv"):
     "change, says",
     [
         ("sys.version_info = (3, 9, 18)", r"is Python 3\.9, but the kit needs 3\.11 or newer"),
-        ('sys.modules["ensurepip"] = None', r"lacks the venv module: install it \(Debian: .*python3\.\d+-venv\)"),
+        ('sys.modules["ensurepip"] = None',
+         r"lacks the venv module: install it \(Debian: .*python3\.\d+-venv\)"),
         ('sys.modules["venv"] = None', r"lacks the venv module"),
         ("sys.exit(1)", r"does not run: install Python 3\.11 or newer"),
     ],
@@ -88,7 +100,8 @@ def test_no_python_at_all_gets_one_sentence(kit, tmp_path):
         (tools / name).symlink_to(shutil.which(name))
     done = make(kit, "lab", PATH=str(tools))
     assert done.returncode != 0
-    assert re.fullmatch(r"Makefile:\d+: \*\*\* python3 does not run: install .*  Stop\.\n", done.stderr), done.stderr
+    assert re.fullmatch(r"Makefile:\d+: \*\*\* python3 does not run: install .*  Stop\.\n",
+                        done.stderr), done.stderr
 
 
 @needs_make
@@ -155,7 +168,8 @@ def test_browser_test_without_chromium_says_what_is_missing(kit):
     ready(kit)
     done = make(kit, "browser-test", "CHROMIUM=")
     assert done.returncode != 0
-    assert re.fullmatch(r"Makefile:\d+: \*\*\* No Chromium was found: install it .*  Stop\.\n", done.stderr)
+    assert re.fullmatch(r"Makefile:\d+: \*\*\* No Chromium was found: install it .*  Stop\.\n",
+                        done.stderr)
 
 
 def test_exact_versions_hold_nothing_else():
@@ -166,7 +180,7 @@ def test_exact_versions_hold_nothing_else():
 def test_all_that_is_asked_for_has_a_floor_and_nothing_else():
     for need in ASKED:
         assert re.fullmatch(r">=\d+\.\d+(\.\d+)?", str(need.specifier)), need
-        assert not need.marker and not need.extras, need
+        assert not need.marker, need
 
 
 def test_the_oldest_environment_is_held_at_the_floors():
@@ -205,8 +219,63 @@ def test_exact_versions_cover_all_that_is_installed():
     assert len(seen) > 100
 
 
+@pytest.fixture(scope="module")
+def distributions(tmp_path_factory):
+    """The names in the sdist, the metadata of the wheel, and the names in it."""
+    folder = tmp_path_factory.mktemp("dist")
+    command = [sys.executable, "-m", "hatchling", "build", "-d", folder]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    (sdist,), (wheel,) = folder.glob("*.tar.gz"), folder.glob("*.whl")
+    with tarfile.open(sdist) as names, zipfile.ZipFile(wheel) as files:
+        (metadata,) = (n for n in files.namelist() if n.endswith("/METADATA"))
+        return ({n.partition("/")[2] for n in names.getnames()},
+                files.read(metadata).decode(), {*files.namelist()})
+
+
+def test_the_sdist_holds_what_its_tests_need(distributions):
+    sdist, _, _ = distributions
+    for name in ("Makefile", "constraints.txt", "CITATION.cff", "CHANGELOG.md", "CONTRIBUTING.md",
+                 "binder/start", "tests/published.py", "tests/bench/laws.c", "tests/floors.py",
+                 "notebooks/00_start_here.ipynb", "notebooks/images/launch_vehicle.png"):
+        assert name in sdist, name
+
+
+def test_the_wheel_holds_the_library_with_its_scripts_and_styles_alone(distributions):
+    _, _, wheel = distributions
+    inside = {p.relative_to(ROOT).as_posix() for p in (ROOT / "smcaero_nb").rglob("*")
+              if p.is_file() and "__pycache__" not in p.parts}
+    assert {n for n in wheel if ".dist-info/" not in n} == inside
+
+
+def test_the_long_description_shows_no_image_that_only_the_repository_holds(distributions):
+    _, metadata, _ = distributions
+    assert "# smcaero_nb\n" in metadata and "## Two commands" in metadata
+    assert "![" in (ROOT / "README.md").read_text(encoding="utf-8") and "![" not in metadata
+
+
+def test_what_builds_the_kit_is_among_what_the_tests_install():
+    builds = tomllib.loads(PYPROJECT)["build-system"]["requires"]
+    assert {*builds} <= {*PROJECT["optional-dependencies"]["test"]}
+
+
+def test_the_version_has_one_source():
+    assert "version" in PROJECT["dynamic"]
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    changes = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    assert citation["version"] == re.search(r"^## (\S+)", changes, re.M)[1] == smc.__version__
+
+
+def test_a_check_of_the_guide_that_is_not_followed_says_why():
+    ignored = re.search(r"\[tool\.repo-review\]\nignore = \[\n(.*?)\]", PYPROJECT, re.S)[1]
+    assert ignored.count("\n") == len(tomllib.loads(PYPROJECT)["tool"]["repo-review"]["ignore"])
+    for line in ignored.splitlines():
+        assert re.fullmatch(r' +"[A-Z]+\d+", +# \S.{10,}', line), line
+
+
 def test_no_file_names_a_package_host_or_somebodys_machine():
-    git = subprocess.run(["git", "ls-files", "-co", "--exclude-standard"], cwd=ROOT, capture_output=True, text=True)
+    git = subprocess.run(["git", "ls-files", "-co", "--exclude-standard"], cwd=ROOT,
+                         capture_output=True, text=True)
     if git.returncode:
         pytest.skip("not a git checkout")
     hosts = "|".join((r"pypi\.", r"pythonhosted\.", r"anaconda\.", "registry" + r"\.", "/simple/"))

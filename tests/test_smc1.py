@@ -1,4 +1,5 @@
-"""First-order laws: exact reaching times, steady offsets, adaptation, several inputs, transcriptions, bad input."""
+"""First-order laws: exact reaching times, steady offsets, adaptation, several inputs,
+transcriptions, bad input."""
 
 import inspect
 import math
@@ -29,15 +30,17 @@ from smcaero_nb.smc1 import (
     unit_vector,
 )
 
-ONE = [sign_smc, quasi_smc, saturation_smc, tanh_smc, adaptive_smc, adaptive_quasi_smc, dual_layer_smc, dual_layer_quasi_smc]
-MANY = [unit_vector, quasi_unit_vector, adaptive_unit_vector, adaptive_quasi_unit_vector, dual_layer_unit_vector(2)]
+ONE = [sign_smc, quasi_smc, saturation_smc, tanh_smc, adaptive_smc, adaptive_quasi_smc,
+       dual_layer_smc, dual_layer_quasi_smc]
+MANY = [unit_vector, quasi_unit_vector, adaptive_unit_vector, adaptive_quasi_unit_vector,
+        dual_layer_unit_vector(2)]
 
 
 def each(argument, laws):
     return pytest.mark.parametrize(argument, laws, ids=[v.name for v in laws])
 
 
-# ---- exact reaching times --------------------------------------------------------------------------------------------
+# ---- exact reaching times ------------------------------------------------------------------------
 def test_sign_reaches_zero_at_the_exact_time_and_stays():
     run = simulate(loop(sign_smc.with_(rho=0.5), -1.5), 4.0, 2.0**-8, record=1024)
     reached = np.flatnonzero(run.sigma == 0.0)[0]
@@ -53,7 +56,8 @@ def test_unit_vector_reaches_zero_at_the_exact_time_on_a_straight_line():
     assert size[before] == pytest.approx(5.0 - 2.0*run.t[before], abs=1e-11)
     assert (run.sigma[0]/size)[before] == pytest.approx(0.6, abs=1e-9)
     assert size[run.t > reached + h].max() <= 2.0*h  # rounding lets it miss 0 by a step
-    both = simulate(loop_of_two(signs(2.0)), 4.0, h, record=4096)  # channel by channel each takes its own time
+    # channel by channel each takes its own time
+    both = simulate(loop_of_two(signs(2.0)), 4.0, h, record=4096)
     for sigma, size in zip(both.sigma, (3.0, 4.0), strict=True):
         assert both.t[np.flatnonzero(sigma == 0.0)[0]] == size/2.0
 
@@ -65,11 +69,13 @@ def test_with_a_perturbation_sign_reaches_within_the_bound(start):
     assert abs(run.x.sigma[late]).max() <= 1e-3*(2.0 + 1.5)
 
 
-# ---- steady offsets and accuracy -------------------------------------------------------------------------------------
+# ---- steady offsets and accuracy -----------------------------------------------------------------
 @pytest.mark.parametrize("xi", [0.7, -1.5, 0.0])
 @pytest.mark.parametrize(("law", "offset"), [
-    (quasi_smc, lambda xi, rho, eps: eps*xi/(rho - abs(xi))), (saturation_smc, lambda xi, rho, eps: eps*xi/rho),
-    (tanh_smc, lambda xi, rho, eps: eps*math.atanh(xi/rho)), (adaptive_quasi_smc, lambda xi, rho, eps: eps*xi/(rho - abs(xi)))],
+    (quasi_smc, lambda xi, rho, eps: eps*xi/(rho - abs(xi))),
+    (saturation_smc, lambda xi, rho, eps: eps*xi/rho),
+    (tanh_smc, lambda xi, rho, eps: eps*math.atanh(xi/rho)),
+    (adaptive_quasi_smc, lambda xi, rho, eps: eps*xi/(rho - abs(xi)))],
     ids=lambda v: getattr(v, "name", ""))
 def test_the_offset_under_a_constant_perturbation(law, offset, xi):
     run = simulate(loop(law.with_(eps=0.01), 0.5, c=xi), 8.0, 2e-4)
@@ -83,7 +89,8 @@ def test_the_offset_of_the_quasi_unit_vector_points_along_the_perturbation(xi):
     def constant(t, a=xi[0], b=xi[1]):
         return a, b
 
-    run = simulate(loop_of_two(quasi_unit_vector.with_(eps=0.01)).with_(perturbation=constant), 8.0, 5e-4, jit=False)
+    run = simulate(loop_of_two(quasi_unit_vector.with_(eps=0.01)).with_(perturbation=constant), 8.0,
+                   5e-4, jit=False)
     expected = 0.01*np.array(xi)/(2.0 - np.hypot(*xi))
     assert [s[-1] for s in run.sigma] == pytest.approx(expected.tolist(), rel=1e-9, abs=1e-12)
 
@@ -98,8 +105,9 @@ def test_accuracy_of_the_relay_is_of_first_order():
     assert slope(sign_smc, [4e-3, 2e-3, 1e-3, 5e-4], **TWO) == pytest.approx(1.0, abs=0.15)
 
 
-# ---- simple adaptation -----------------------------------------------------------------------------------------------
-@pytest.mark.parametrize("law", [adaptive_smc.with_(gamma=50.0, delta=0.005), adaptive_smc, adaptive_quasi_smc],
+# ---- simple adaptation ---------------------------------------------------------------------------
+@pytest.mark.parametrize("law", [adaptive_smc.with_(gamma=50.0, delta=0.005), adaptive_smc,
+                                 adaptive_quasi_smc],
                          ids=["as studied", "relay", "quasi"])
 def test_the_gain_grows_exactly_while_sigma_is_large(law):
     h, delta, gamma = 1e-4, law.values["delta"], law.values["gamma"]
@@ -131,7 +139,7 @@ def test_one_gain_serves_both_inputs():
         assert size[run.t > 10.0].max() <= 0.02 and len(set(run.z.law.rho[run.t > 10.0])) == 1
 
 
-# ---- dual layer ------------------------------------------------------------------------------------------------------
+# ---- dual layer ----------------------------------------------------------------------------------
 @each("law", [dual_layer_smc, dual_layer_quasi_smc])
 def test_the_dual_layer_gain_follows_the_perturbation(law):
     h = 1e-4
@@ -139,10 +147,12 @@ def test_the_dual_layer_gain_follows_the_perturbation(law):
     k = run.z.law.k[run.t > 32.0]
     assert 0.15 < k.min() and k.max() < 1.6  # 0.20 to 1.40 in a study of its own
     if law is dual_layer_smc:
-        assert run.tail_sigma <= h*(k.max() + 0.05 + 1.5)  # the relay's own bound; 2.5e-4 in that study
+        # the relay's own bound; 2.5e-4 in that study
+        assert run.tail_sigma <= h*(k.max() + 0.05 + 1.5)
     else:
         assert run.tail_sigma < 0.01*1.5/(0.2 + 0.05)
-    assert np.all(k + 0.05 > abs(run.d[run.t > 32.0]))  # larger than the perturbation, which it does not know
+    # larger than the perturbation, which it does not know
+    assert np.all(k + 0.05 > abs(run.d[run.t > 32.0]))
 
 
 @each("law", [dual_layer_smc, dual_layer_quasi_smc])
@@ -150,7 +160,8 @@ def test_the_dual_layer_gain_comes_down_when_the_perturbation_drops(law):
     run = simulate(loop(law, a=3.0, w=2.0, change=20.0, then=0.3), 40.0, 1e-4, record=4000)
     k = run.z.law.k
     assert k[(run.t > 15.0) & (run.t < 20.0)].max() > 2.5
-    assert 0.15 < k[run.t > 32.0].min() and k[run.t > 32.0].max() < 0.65  # 0.20 to 0.54 in a study of its own
+    # 0.20 to 0.54 in a study of its own
+    assert 0.15 < k[run.t > 32.0].min() and k[run.t > 32.0].max() < 0.65
     assert np.all(np.diff(run.z.law.r) >= 0.0)  # the second layer never comes down within a run
 
 
@@ -165,15 +176,18 @@ def test_dual_layer_for_two_inputs():
 def test_a_constant_perturbation_leads_the_gain_to_its_formula():
     run = simulate(loop(dual_layer_quasi_smc, 0.2, c=0.7), 20.0, 1e-4)
     k, speed = run.z.law.k[-1], 0.5 + run.z.law.r[-1]
-    assert k == pytest.approx(0.7/0.9 + 0.2, abs=20*1e-4*speed)  # it switches about it, by a few steps of k
+    # it switches about it, by a few steps of k
+    assert k == pytest.approx(0.7/0.9 + 0.2, abs=20*1e-4*speed)
     assert run.sigma[-1] == pytest.approx(0.01*0.7/(k + 0.05 - 0.7), rel=0.02)
 
 
 def test_without_margins_the_gain_dies_and_sigma_runs_away():
-    """eps = eta = 0, which the block refuses or its docstring warns of: k reaches 0 while v_eq is 0, and stays."""
+    """eps = eta = 0, which the block refuses or its docstring warns of: k reaches 0 while v_eq is
+    0, and stays."""
     ends = {}
     for margin in (0.0, 0.2):
-        gains = dict(eta=margin/4, alpha=0.99, eps=margin, r_0=0.5, gamma=5.0, delta_0=0.05, tau_f=0.01)
+        gains = dict(eta=margin/4, alpha=0.99, eps=margin, r_0=0.5, gamma=5.0, delta_0=0.05,
+                     tau_f=0.01)
         z, h, sigma, large = dual_layer_smc.z0, 1e-3, 1.0, 0.0
         for i in range(40_000):
             t = i*h
@@ -193,30 +207,37 @@ def test_the_second_layer_starts_from_its_initial_state():
     assert simulate(loop(again.with_(r=4.0), 0.0, a=0.1), 1e-3, 1e-3).z.law.r[0] >= 4.0
 
 
-# ---- several inputs --------------------------------------------------------------------------------------------------
+# ---- several inputs ------------------------------------------------------------------------------
 G0 = np.array([[2.0, 1.0], [-1.0, 3.0]])
-WRONG = np.array([[0.3, 0.2], [-0.2, 0.3]])  # G = G0 (I + WRONG): rows sum to 0.5, and those of G0 WRONG G0^-1 too
-GAMMA = max(np.abs(G0@WRONG@np.linalg.inv(G0)).sum(1).max(), np.linalg.norm(G0@WRONG@np.linalg.inv(G0), 2))
+# G = G0 (I + WRONG): rows sum to 0.5, and those of G0 WRONG G0^-1 too
+WRONG = np.array([[0.3, 0.2], [-0.2, 0.3]])
+GAMMA = max(np.abs(G0@WRONG@np.linalg.inv(G0)).sum(1).max(),
+            np.linalg.norm(G0@WRONG@np.linalg.inv(G0), 2))
 
 
 @pytest.mark.parametrize("start", [(3.0, 4.0), (-1.0, 2.0), (0.5, -0.1)])
-@pytest.mark.parametrize("law", [unit_vector.with_(rho=4.0), signs(4.0)], ids=["unit vector", "sign"])
+@pytest.mark.parametrize("law", [unit_vector.with_(rho=4.0), signs(4.0)],
+                         ids=["unit vector", "sign"])
 def test_an_unknown_part_of_the_input_matrix_is_held(law, start):
     assert np.abs(WRONG).sum(1) == pytest.approx([0.5, 0.5]) and GAMMA < 0.8
     h, L = 1e-3, 0.5
-    run = simulate(loop_of_two(law, start, G0@(np.eye(2) + WRONG), G0, a=0.4, b=0.3), 30.0, h, record=30_000)
+    run = simulate(loop_of_two(law, start, G0@(np.eye(2) + WRONG), G0, a=0.4, b=0.3), 30.0, h,
+                   record=30_000)
     size = np.hypot(run.x.a, run.x.b)
-    assert size[run.t > np.hypot(*start)/(4.0*(1 - GAMMA) - L)].max() <= 2*h*(4.0*(1 + GAMMA)*math.sqrt(2) + L)
+    assert size[run.t > np.hypot(*start)/(4.0*(1 - GAMMA)
+                                          - L)].max() <= 2*h*(4.0*(1 + GAMMA)*math.sqrt(2) + L)
 
 
 def test_the_condition_on_the_input_matrix_as_printed_does_not_suffice():
-    """Erratum of (A1): row sums of G0^-1 (G - G0) are 0 and 0.5, and yet sign control drives sigma away."""
+    """Erratum of (A1): row sums of G0^-1 (G - G0) are 0 and 0.5, and yet sign control drives sigma
+    away."""
     known, true = np.array([[1.0, 4.0], [0.0, 1.0]]), np.array([[3.0, 4.0], [0.5, 1.0]])
     assert np.abs(np.linalg.inv(known)@(true - known)).sum(1).tolist() == [0.0, 0.5]
     for rho in (4.0, 40.0):
         run = simulate(loop_of_two(signs(rho), (1.0, 1.0), true, known), 20.0, 1e-3)
         assert abs(run.sigma[1][-1]) > 5.0*rho/4.0
-    assert np.abs((true - known)@np.linalg.inv(known)).sum(1).max() > 1.0  # the condition that does suffice says so
+    # the condition that does suffice says so
+    assert np.abs((true - known)@np.linalg.inv(known)).sum(1).max() > 1.0
 
 
 def test_without_inputs_in_common_a_matrix_of_gains_is_one_law_a_channel():
@@ -237,7 +258,8 @@ def test_decoupling_solves_the_equations(m):
         u = decoupling(G)(tuple(v.tolist()))
         assert np.abs(np.array(u) - expected).max() <= error
         assert solved(tuple(map(tuple, G.tolist())), tuple(v.tolist())) == u
-    powers = 2.0**rng.integers(-3, 4, size=(m, m))*np.eye(m)[rng.permutation(m)]  # a permutation: exact
+    # a permutation: exact
+    powers = 2.0**rng.integers(-3, 4, size=(m, m))*np.eye(m)[rng.permutation(m)]
     v = tuple(rng.integers(-9, 9, size=m).astype(float).tolist())
     assert decoupling(powers)(v) == tuple(np.linalg.solve(powers, v).tolist())
 
@@ -250,23 +272,30 @@ def test_decoupling_of_one_input_divides():
 
 def test_entries_of_the_matrix_are_parameters():
     law = decoupling(((2.0, 1.0), (0.0, 4.0)))
-    assert list(law.params) == ["G0_11", "G0_12", "G0_21", "G0_22"] and law((4.0, 8.0)) == (1.0, 2.0)
-    with pytest.raises(ParameterError, match=r"decoupling: G0 = \[\[2.0, 1.0\], \[8.0, 4.0\]\] is not allowed; it is singular"):
+    assert (list(law.params) == ["G0_11", "G0_12", "G0_21", "G0_22"]
+            and law((4.0, 8.0)) == (1.0, 2.0))
+    with pytest.raises(ParameterError,
+                       match=r"decoupling: G0 = \[\[2.0, 1.0\], \[8.0, 4.0\]\] is not allowed; it "
+                             r"is singular"):
         law.with_(G0_21=8.0)
     assert law.with_(G0_11=0.0, G0_21=1.0).values["G0_11"] == 0.0  # together they are regular
 
 
-@pytest.mark.parametrize("G", [0.0, [[1, 2], [2, 4]], [[0, 0], [0, 1]], [[1, 2, 3], [4, 5, 6], [7, 8, 9]], np.zeros((4, 4))],
+@pytest.mark.parametrize("G", [0.0, [[1, 2], [2, 4]], [[0, 0], [0, 1]],
+                               [[1, 2, 3], [4, 5, 6], [7, 8, 9]], np.zeros((4, 4))],
                          ids=str)
 def test_a_singular_matrix_is_refused(G):
-    with pytest.raises(ParameterError, match=r"^decoupling: G0 = .* is not allowed; it is singular"):
+    with pytest.raises(ParameterError,
+                       match=r"^decoupling: G0 = .* is not allowed; it is singular"):
         decoupling(G)
 
 
-@pytest.mark.parametrize("G", [[[1, 2]], "G", [[1, math.nan], [0, 1]], [[1, math.inf], [0, 1]], np.eye(5), [[1, 2], [3]], None,
+@pytest.mark.parametrize("G", [[[1, 2]], "G", [[1, math.nan], [0, 1]], [[1, math.inf], [0, 1]],
+                               np.eye(5), [[1, 2], [3]], None,
                                [[1j]], []], ids=str)
 def test_what_is_no_square_matrix_is_refused(G):
-    said = "= .*a square matrix of finite numbers, 1 x 1 to 4 x 4|holds text|holds complex|must be real"
+    said = ("= .*a square matrix of finite numbers, 1 x 1 to 4 x 4|holds text|holds complex"
+            "|must be real")
     with pytest.raises(ParameterError, match=f"decoupling: G0 ({said})"):
         decoupling(G)
 
@@ -288,27 +317,34 @@ def tilted(y):
 
 @pytest.mark.parametrize("jit", [True, False])
 def test_a_matrix_may_depend_on_the_output_and_where_it_is_singular_the_run_ends(jit):
-    """u_2 = v_2 = 1 moves the first sigma from 1 to 0, where G0 = ((-sigma_1, 0.5), (0, 1)) has no inverse."""
-    there = loop_of_two(signs(1.0), (1.0, 4.0), ((0.0, 1.0), (0.0, 1.0))).with_(allocation=decoupling(tilted))
+    """u_2 = v_2 = 1 moves the first sigma from 1 to 0, where G0 = ((-sigma_1, 0.5), (0, 1)) has no
+    inverse."""
+    there = loop_of_two(signs(1.0), (1.0, 4.0),
+                        ((0.0, 1.0), (0.0, 1.0))).with_(allocation=decoupling(tilted))
     run = simulate(there, 4.0, 2.0**-5, record=128, jit=jit)
     assert run.diverged_at == 1.0 and run.steps == 32
     for k in (0, 17, -1):
-        expected = np.linalg.solve(np.array(tilted([[q[0][k]] for q in run.y])), [v[k] for v in run.v])
+        expected = np.linalg.solve(np.array(tilted([[q[0][k]] for q in run.y])),
+                                   [v[k] for v in run.v])
         assert [u[k] for u in run.u] == pytest.approx(expected.tolist(), rel=1e-14)
     assert simulate(there.with_(plant__a=0.0), 1.0, 2.0**-5, jit=jit).diverged_at == 0.0
 
 
-@pytest.mark.parametrize("G", [lambda y: ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0)), lambda y: (1.0, 2.0), lambda y: 1.0,
+@pytest.mark.parametrize("G", [lambda y: ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0)), lambda y: (1.0, 2.0),
+                               lambda y: 1.0,
                                lambda y: ((1.0, 0.0),), lambda y: [[1.0, 0.0], [0.0, 1.0]]])
 def test_a_function_of_wrong_shape_is_named(G):
-    with pytest.raises(BlockError, match="allocation 'decoupling' fails at t = 0.*G0 must be 2 rows of 2 numbers each"):
+    with pytest.raises(BlockError,
+                       match="allocation 'decoupling' fails at t = 0.*G0 must be 2 rows of 2 "
+                             "numbers each"):
         simulate(loop_of_two(unit_vector).with_(allocation=decoupling(G)), 1.0, 0.1)
 
 
-# ---- defaults --------------------------------------------------------------------------------------------------------
+# ---- defaults ------------------------------------------------------------------------------------
 @each("law", ONE)
 def test_defaults_settle(law):
-    ends = [tail(simulate(loop(law, s, **xi), 20.0, 1e-3, tail=3/20)) for s in STARTS for xi in WAVES]
+    ends = [tail(simulate(loop(law, s, **xi), 20.0, 1e-3, tail=3/20)) for s in STARTS
+            for xi in WAVES]
     assert max(ends) < 0.5
 
 
@@ -320,14 +356,15 @@ def test_defaults_settle_with_two_inputs(law):
     assert np.max(ends) < 0.5
 
 
-# ---- transcriptions --------------------------------------------------------------------------------------------------
+# ---- transcriptions ------------------------------------------------------------------------------
 def dual(smooth):
     def step(s, memory, h, k0=0.01):
         k, r, veq = memory
         v = (k + 0.05)*(s/(np.abs(s) + k0) if smooth else np.sign(s))
         veq = veq + (1 - np.exp(-h/0.01))*(v - veq)
         d = k - np.abs(veq)/0.9 - 0.2
-        return v, (np.maximum(0.0, k - h*(0.5 + r)*np.sign(d)), r + h*5.0*np.abs(d)*(np.abs(d) > 0.05), veq)
+        return v, (np.maximum(0.0, k - h*(0.5 + r)*np.sign(d)),
+                   r + h*5.0*np.abs(d)*(np.abs(d) > 0.05), veq)
     return step
 
 
@@ -354,16 +391,21 @@ def test_each_law_is_its_transcription(law):
     run = simulate(loop(law, 0.4, **TWO), n*h, h, record=n)
     assert run.sigma[:-1] == pytest.approx(sigma, rel=1e-12, abs=1e-12)
     assert run.v[:-1] == pytest.approx(v, rel=1e-12, abs=1e-12)
-    assert np.sum(np.diff(np.sign(sigma)) != 0) > 3 or "sign" not in law.name  # it has reached sliding
+    # it has reached sliding
+    assert np.sum(np.diff(np.sign(sigma)) != 0) > 3 or "sign" not in law.name
 
 
-@given(st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=5), st.floats(0, 1e3), st.floats(1e-6, 1e3))
+@given(st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=5), st.floats(0, 1e3),
+       st.floats(1e-6, 1e3))
 def test_vector_laws_are_their_formulas(s, rho, eps):
     size, s = np.linalg.norm(s), tuple(s)
     assume(size > 1e-100 or not any(s))  # below, the transcription itself underflows
-    assert unit_vector(s, rho) == pytest.approx(tuple(rho*np.array(s)/(size or 1.0)), rel=1e-12, abs=1e-300)
-    assert quasi_unit_vector(s, rho, eps) == pytest.approx(tuple(rho*np.array(s)/(size + eps)), rel=1e-12, abs=1e-300)
-    for law, gain in ((adaptive_unit_vector, 1.0/size if size else 0.0), (adaptive_quasi_unit_vector, 1.0/(size + 0.01))):
+    assert unit_vector(s, rho) == pytest.approx(tuple(rho*np.array(s)/(size or 1.0)), rel=1e-12,
+                                                abs=1e-300)
+    assert quasi_unit_vector(s, rho, eps) == pytest.approx(tuple(rho*np.array(s)/(size + eps)),
+                                                           rel=1e-12, abs=1e-300)
+    for law, gain in ((adaptive_unit_vector, 1.0/size if size else 0.0),
+                      (adaptive_quasi_unit_vector, 1.0/(size + 0.01))):
         v, (after,) = law(s, (rho,), 0.5)
         assert v == pytest.approx(tuple(rho*gain*np.array(s)), rel=1e-12, abs=1e-100)
         assert after == pytest.approx(rho + (0.5*10.0*size if size > 0.02 else 0.0), rel=1e-12)
@@ -379,10 +421,11 @@ def test_dual_layer_for_two_inputs_is_its_transcription():
         d = k - np.linalg.norm(veq)/0.9 - 0.2
         literal = (max(0.0, k - h*(0.5 + r)*np.sign(d)), r + h*5.0*abs(d)*(abs(d) > 0.05), *veq)
         v, z = law(tuple(s), z, h)
-        assert v == pytest.approx(tuple(expected), rel=1e-13) and z == pytest.approx(literal, rel=1e-12, abs=1e-13)
+        assert (v == pytest.approx(tuple(expected), rel=1e-13)
+                and z == pytest.approx(literal, rel=1e-12, abs=1e-13))
 
 
-# ---- what every law has in common ----------------------------------------------------------------------------------
+# ---- what every law has in common ----------------------------------------------------------------
 @each("law", ONE)
 def test_compiled_plain_and_mirrored_runs_agree_to_the_bit(law):
     xi = dict(c=0.3, a=0.8, b=0.4)
@@ -398,8 +441,10 @@ def test_compiled_plain_and_mirrored_runs_agree_to_the_bit(law):
 @each("law", MANY)
 def test_compiled_plain_and_mirrored_runs_of_two_inputs_agree_to_the_bit(law):
     G = dict(G=((2.2, 1.1), (-1.0, 3.0)), G0=G0)
-    a, b = loop_of_two(law, (0.4, -0.2), a=0.8, b=0.4, **G), loop_of_two(law, (-0.4, 0.2), a=-0.8, b=-0.4, **G)
-    compiled, plain, other = (simulate(q, 1.0, 1e-3, record=1000, jit=j) for q, j in ((a, True), (a, False), (b, True)))
+    a, b = loop_of_two(law, (0.4, -0.2), a=0.8, b=0.4, **G), loop_of_two(law, (-0.4, 0.2), a=-0.8,
+                                                                         b=-0.4, **G)
+    compiled, plain, other = (simulate(q, 1.0, 1e-3, record=1000, jit=j)
+                              for q, j in ((a, True), (a, False), (b, True)))
     for signal in ("sigma", "v", "u"):
         assert np.array_equal(getattr(compiled, signal), getattr(plain, signal))
         assert np.array_equal(getattr(compiled, signal), -np.array(getattr(other, signal)))
@@ -416,7 +461,8 @@ def test_every_law_is_finite_at_zero_and_complete_in_its_metadata(law):
         low, high = meta.slider
         assert meta.low <= low < high <= meta.high and (low > 0.0 or not meta.log)
     doc = inspect.cleandoc(law.__doc__)
-    assert ".. math::" in doc and all(f"\n{s}\n---" in doc for s in ("Parameters", "Returns", "Notes", "References"))
+    assert (".. math::" in doc
+            and all(f"\n{s}\n---" in doc for s in ("Parameters", "Returns", "Notes", "References")))
     assert all(f"`{n}`" in doc or f"\n{n} : float" in doc for n in law.params)
 
 
@@ -426,18 +472,22 @@ def test_a_vector_given_to_a_law_of_one_input_is_an_error_that_names_it(law):
         simulate(loop_of_two(law), 1.0, 0.1)
 
 
-# ---- bad input -------------------------------------------------------------------------------------------------------
+# ---- bad input -----------------------------------------------------------------------------------
 @pytest.mark.parametrize(("law", "changes", "words"), [
-    (sign_smc, dict(rho=-1.0), r"rho = -1 \[v\] is not allowed"), (quasi_smc, dict(eps=0.0), r"eps = 0 \[sigma\]"),
+    (sign_smc, dict(rho=-1.0), r"rho = -1 \[v\] is not allowed"),
+    (quasi_smc, dict(eps=0.0), r"eps = 0 \[sigma\]"),
     (saturation_smc, dict(eps=-1.0), "eps = -1"), (tanh_smc, dict(eps=math.nan), "eps = nan"),
     (adaptive_smc, dict(gamma=-1.0), "gamma = -1"), (adaptive_smc, dict(rho=-0.1), "rho = -0.1"),
     (adaptive_unit_vector, dict(delta=-1e-3), "delta = -0.001"),
-    (dual_layer_smc, dict(alpha=1.0), "alpha = 1 is not allowed"), (dual_layer_smc, dict(alpha=0.0), "alpha = 0"),
+    (dual_layer_smc, dict(alpha=1.0), "alpha = 1 is not allowed"),
+    (dual_layer_smc, dict(alpha=0.0), "alpha = 0"),
     (dual_layer_smc, dict(eps=0.0), "eps = 0"), (dual_layer_smc, dict(k=-1.0), "k = -1"),
     (dual_layer_smc, dict(tau_f=0), "tau_f = 0 s"),
-    (dual_layer_smc, dict(delta_0=0.1), r"delta_0 < eps/2 does not hold: delta_0 = 0.1, eps/2 = 0.1 \[v\]"),
+    (dual_layer_smc, dict(delta_0=0.1),
+     r"delta_0 < eps/2 does not hold: delta_0 = 0.1, eps/2 = 0.1 \[v\]"),
     (dual_layer_quasi_smc, dict(eps=0.05), "delta_0 < eps/2 does not hold"),
-    (dual_layer_unit_vector(3), dict(eps=0.05), "dual_layer_unit_vector: delta_0 < eps/2 does not hold")])
+    (dual_layer_unit_vector(3), dict(eps=0.05),
+     "dual_layer_unit_vector: delta_0 < eps/2 does not hold")])
 def test_bad_gains_are_refused(law, changes, words):
     with pytest.raises(ParameterError, match=words):
         law.with_(**changes)
@@ -445,12 +495,14 @@ def test_bad_gains_are_refused(law, changes, words):
 
 @pytest.mark.parametrize("m", [1, 9, 2.5, True, "2"])
 def test_a_law_is_made_for_a_number_of_inputs(m):
-    with pytest.raises(ParameterError, match="dual_layer_unit_vector: m = .* a whole number from 2 to 8"):
+    with pytest.raises(ParameterError,
+                       match="dual_layer_unit_vector: m = .* a whole number from 2 to 8"):
         dual_layer_unit_vector(m)
 
 
 def test_a_law_made_for_three_inputs_says_so():
-    with pytest.raises(BlockError, match="the signal has 2 components, but the block is made for 3"):
+    with pytest.raises(BlockError,
+                       match="the signal has 2 components, but the block is made for 3"):
         simulate(loop_of_two(dual_layer_unit_vector(3)), 1.0, 0.1)
 
 
@@ -472,7 +524,8 @@ def test_three_inputs():
         return 0.3*math.sin(t), 0.3*math.cos(t), 0.2
 
     G = ((2.0, 0.0, 1.0), (0.0, 1.0, 0.0), (1.0, 0.0, 2.0))
-    plant = ClosedLoop(three, output=all_of_them, surface=firsts, perturbation=xi, law=dual_layer_unit_vector(3))
+    plant = ClosedLoop(three, output=all_of_them, surface=firsts, perturbation=xi,
+                       law=dual_layer_unit_vector(3))
     run = simulate(plant, 6.0, 1e-3, jit=False)
     assert np.max(run.tail_sigma) < 5e-3
     run = simulate(plant.with_(allocation=decoupling(G)), 0.1, 1e-3, jit=False)

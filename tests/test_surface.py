@@ -1,4 +1,5 @@
-"""Sliding variables: the paper's designs, ITAE polynomials and their settling, derivatives, sampling."""
+"""Sliding variables: the paper's designs, ITAE polynomials and their settling, derivatives,
+sampling."""
 
 import math
 
@@ -76,8 +77,10 @@ def test_optimal_has_less_itae_than_classical_and_than_its_neighbours(p):
 def test_itae_of_degree_five():
     """Published study: 6.320 against 7.154."""
     t = np.arange(0.0, 60.0, 1e-3)
-    cost = {table: np.sum(t*abs(error_of_step_response(TABLES[table][5], t)))*1e-3 for table in TABLES}
-    assert cost["optimal"] == pytest.approx(6.320, abs=5e-3) and cost["classical"] == pytest.approx(7.154, abs=5e-3)
+    cost = {table: np.sum(t*abs(error_of_step_response(TABLES[table][5], t)))*1e-3
+            for table in TABLES}
+    assert (cost["optimal"] == pytest.approx(6.320, abs=5e-3)
+            and cost["classical"] == pytest.approx(7.154, abs=5e-3))
 
 
 @given(r=st.integers(1, 6), settling_time=st.floats(0.01, 1000), integral=st.booleans(),
@@ -101,7 +104,8 @@ def test_sigma_is_the_literal_formula(r, integral, make):
     assert surface.signals == (("e", "z", "tau") if integral else ("e",))
     e, total, tau = tuple(rng.normal(size=r)), rng.normal(), 0.01
     e_or_float = e[0] if r == 1 else e
-    literal = e[r - 1] + sum(a*e[r - 2 - k] for k, a in enumerate(c[:r - 1])) + (c[-1]*total if integral else 0.0)
+    literal = e[r - 1] + sum(a*e[r - 2 - k]
+                             for k, a in enumerate(c[:r - 1])) + (c[-1]*total if integral else 0.0)
     got = surface(e_or_float, (total,), tau) if integral else surface(e_or_float)
     if integral:
         got, (after,) = got
@@ -137,7 +141,9 @@ def test_settling_time_is_a_parameter_and_the_integral_a_state():
     e = (0.3, -0.1)
     for t_s in (2.0, 5.0, 8.0):
         c0, ci = coefficients(2, t_s)
-        assert surface.with_(settling_time=t_s)(e, (0.5,), 0.0)[0] == pytest.approx(e[1] + c0*e[0] + ci*0.5, rel=1e-12)
+        assert surface.with_(settling_time=t_s)(e, (0.5,),
+                                                0.0)[0] == pytest.approx(e[1] + c0*e[0] + ci*0.5,
+                                                                         rel=1e-12)
     assert surface.with_(integral=0.2).z0 == (0.2,)
     assert list(polynomial((1.75, 1.56)).params) == ["c_0", "c_int"]
     assert list(polynomial((3.0, 3.0, 1.0)).params) == ["c_1", "c_0", "c_int"]
@@ -156,8 +162,10 @@ def test_settling_times_from_numpy_are_numbers():
     (dict(r=0), ["r = 0 is not allowed", "a whole number from 1 to 6"]),
     (dict(r=7), ["r = 7"]), (dict(r=2.5), ["r = 2.5"]), (dict(r=True), ["r = True"]),
     (dict(settling_time=0.0), ["settling_time = 0 s is not allowed", "at least 1e-06 s"]),
-    (dict(settling_time=-8), ["settling_time = -8 s"]), (dict(settling_time=math.nan), ["settling_time = nan s"]),
-    (dict(settling_time=math.inf), ["settling_time = inf s"]), (dict(settling_time="8"), ["settling_time = '8'"]),
+    (dict(settling_time=-8), ["settling_time = -8 s"]),
+    (dict(settling_time=math.nan), ["settling_time = nan s"]),
+    (dict(settling_time=math.inf), ["settling_time = inf s"]),
+    (dict(settling_time="8"), ["settling_time = '8'"]),
     (dict(integral=1), ["integral = 1 is not allowed", "True or False"]),
     (dict(table="best"), ["table = 'best'", "'classical' up to 6, 'optimal' up to 5"]),
     (dict(r=6, table="optimal"), ["no polynomial of degree 6", "'optimal' up to 5"]),
@@ -170,11 +178,13 @@ def test_bad_designs_are_refused(make, arguments, words):
         assert word in str(why.value)
 
 
-@pytest.mark.parametrize("c", [(-1.0, 1.0), (0.0, 1.0), (1.0, 0.0), (1.0, 1.0, 2.0), (1.0, 1.0, 1.0)])
+@pytest.mark.parametrize("c", [(-1.0, 1.0), (0.0, 1.0), (1.0, 0.0), (1.0, 1.0, 2.0),
+                               (1.0, 1.0, 1.0)])
 def test_a_polynomial_that_is_not_hurwitz_is_refused(c):
     with pytest.raises(ParameterError) as why:
         polynomial(c)
-    assert "must be Hurwitz" in str(why.value) and "has the roots" in str(why.value) and str(c) in str(why.value)
+    assert ("must be Hurwitz" in str(why.value) and "has the roots" in str(why.value)
+            and str(c) in str(why.value))
     assert max(np.roots([1.0, *c]).real) > -1e-9
 
 
@@ -218,31 +228,36 @@ def test_on_the_sliding_surface_the_error_settles_as_designed(rule):
     def double(x, u):
         return x[1], u
 
-    run = simulate(ClosedLoop(double, output=shown, surface=itae(2, t_s, rule=rule), law=equivalent), 12.0, 1e-3, method="rk4",
+    run = simulate(ClosedLoop(double, output=shown, surface=itae(2, t_s, rule=rule),
+                              law=equivalent), 12.0, 1e-3, method="rk4",
                    record=12000, jit=False)
     last = run.t[np.flatnonzero(abs(run.e[0]) > 0.02)[-1]]
-    assert last == pytest.approx(t_s if rule == "settling" else t_s*SETTLING["classical"][2]/10, rel=0.01)
+    assert last == pytest.approx(t_s if rule == "settling" else t_s*SETTLING["classical"][2]/10,
+                                 rel=0.01)
     assert np.ptp(run.sigma) < 5e-3*max(abs(run.sigma))  # sigma stays where it began
 
 
-@pytest.mark.parametrize("block", [itae(2, 8.0), itae(3, 8.0, integral=False), polynomial((1.0, 1.0))])
+@pytest.mark.parametrize("block", [itae(2, 8.0), itae(3, 8.0, integral=False),
+                                   polynomial((1.0, 1.0))])
 def test_surfaces_explain_themselves(block):
     assert r".. math:: \sigma = " in block.__doc__ and "Paper eq (9)" in block.__doc__
     assert smc.surface.itae.__doc__ and block.output.symbol == r"\sigma"
     assert [m.symbol for m in itae(2, 8.0, derivative=True).output] == [r"\sigma", r"\dot\sigma"]
 
 
-# ---- one derivative more -----------------------------------------------------------------------------------------
+# ---- one derivative more -------------------------------------------------------------------------
 @pytest.mark.parametrize("r", (1, 2, 4))
 def test_differenced(r):
     block = smc.surface.differenced(r)
     e = 0.3 if r == 1 else tuple(0.1*(i + 1) for i in range(r))
     last = e if r == 1 else e[-1]
     out, z = block(e, (0.0, 0.0), 0.5)
-    assert out == ((e, 0.0) if r == 1 else (*e, 0.0)) and z == (last, 1.0)  # not known before the start
+    # not known before the start
+    assert out == ((e, 0.0) if r == 1 else (*e, 0.0)) and z == (last, 1.0)
     out, _ = block(e, (last - 0.2, 1.0), 0.5)
     assert out[-1] == pytest.approx(0.4)
-    assert block(e, (0.0, 1.0), 0.5)[0][-1] == pytest.approx(2.0*last)  # a value of 0 counts like any other
+    # a value of 0 counts like any other
+    assert block(e, (0.0, 1.0), 0.5)[0][-1] == pytest.approx(2.0*last)
 
 
 def test_truncated():
@@ -251,8 +266,10 @@ def test_truncated():
 
 
 def test_what_does_not_matter_is_checked_all_the_same():
-    for call in (lambda: smc.surface.itae(1, integral=False, table="nonsense"), lambda: smc.surface.itae(1, 1.0, False, rule="x"),
-                 lambda: smc.surface.coefficients(1, "x", integral=False), lambda: smc.surface.differenced(6),
+    for call in (lambda: smc.surface.itae(1, integral=False, table="nonsense"),
+                 lambda: smc.surface.itae(1, 1.0, False, rule="x"),
+                 lambda: smc.surface.coefficients(1, "x", integral=False),
+                 lambda: smc.surface.differenced(6),
                  lambda: smc.surface.truncated(0)):
         with pytest.raises(smc.ParameterError):
             call()

@@ -1,7 +1,8 @@
-"""Benchmarks: the compiled loop beside the same loop hand-written in C, and what a first call costs.
+"""Benchmarks: the compiled loop beside the same loop hand-written in C, and what a first call
+costs.
 
-``python tests/bench/bench.py [rounds]`` prints ratios taken in one run, because machines are noisy, and exits with an
-error where a limit does not hold.
+``python tests/bench/bench.py [rounds]`` prints ratios taken in one run, because machines are noisy,
+and exits with an error where a limit does not hold.
 """
 
 import os
@@ -18,7 +19,8 @@ import numpy as np
 
 import smcaero_nb as smc
 
-FIRST, WARM = 8.0, 3.0  # first call of a new combination, and in a new process, / import of numba with a trivial function
+# first call of a new combination, and in a new process, / import of numba with a trivial function
+FIRST, WARM = 8.0, 3.0
 
 
 def speed(rounds):
@@ -28,9 +30,11 @@ def speed(rounds):
         return True
     loop = smc.lv.loop("quasi_smc", "eq69").with_(duration=30.0, dt=1e-5)
     b = {s: v.values for s, v in loop.stages.items() if v}
-    parameters = [*list(b["plant"].values())[:17], b["surface"]["c_0"], b["surface"]["c_int"], b["law"]["rho"], b["law"]["eps"],
+    parameters = [*list(b["plant"].values())[:17], b["surface"]["c_0"], b["surface"]["c_int"],
+                  b["law"]["rho"], b["law"]["eps"],
                   b["allocation"]["G0"], b["reference"]["unit"], *b["perturbation"].values()]
-    return beside.compare_loop("quasi-SMC on (69)", rounds, loop, "launch_vehicle", parameters, bare=True)
+    return beside.compare_loop("quasi-SMC on (69)", rounds, loop, "launch_vehicle", parameters,
+                               bare=True)
 
 
 TRIVIAL = "import numba; numba.njit(lambda x: x + 1.0)(1.0)"
@@ -39,15 +43,19 @@ ANOTHER = "smc.simulate(smc.lv.loop('adaptive_super_twisting', 'r3'), 1e-2, 1e-3
 
 
 def in_new_process(code, then, folder):
-    """Time of `code` and of `then` after it in a new Python process whose compiled loops are kept in `folder`."""
-    text = f"import time; a = time.perf_counter(); {code}; b = time.perf_counter(); {then}; print(b - a, time.perf_counter() - b)"
-    out = subprocess.run([sys.executable, "-c", text], env={**os.environ, "SMCAERO_CACHE_DIR": folder}, check=True,
+    """Time of `code` and of `then` after it in a new Python process whose compiled loops are kept
+    in `folder`."""
+    text = (f"import time; a = time.perf_counter(); {code}; b = time.perf_counter(); {then}; "
+            "print(b - a, time.perf_counter() - b)")
+    out = subprocess.run([sys.executable, "-c", text],
+                         env={**os.environ, "SMCAERO_CACHE_DIR": folder}, check=True,
                          capture_output=True, text=True).stdout
     return map(float, out.split())
 
 
 def start(rounds):
-    """First calls, cold and from disk, against the import of numba with a trivial function; True if the limits hold."""
+    """First calls, cold and from disk, against the import of numba with a trivial function; True if
+    the limits hold."""
     print("First call: beside `import numba` and a trivial compiled function, in new processes")
     base, first, other, warm = [], [], [], []
     for _ in range(rounds):
@@ -58,7 +66,8 @@ def start(rounds):
             other.append(cold[1])
             warm.append(next(in_new_process(WHOLE, "pass", folder)))
     one, held = np.median(base), True
-    for name, t, limit in (("whole process, nothing compiled yet", first, FIRST), ("a further combination", other, FIRST),
+    for name, t, limit in (("whole process, nothing compiled yet", first, FIRST),
+                           ("a further combination", other, FIRST),
                            ("whole process, compiled before", warm, WARM)):
         median = np.median(t)
         print(f"  {name:<38}{median:5.2f} s = {median/one:.2f} times {one:.2f} s (limit {limit:g})")
@@ -76,12 +85,14 @@ def fixed(rounds):
 
 if __name__ == "__main__":
     count = beside.rounds_asked(15)
-    held = [speed(count), laws.beside_c(count), hosmc.beside_c(count), differentiators.speed(count), lander.beside_c(count),
+    held = [speed(count), laws.beside_c(count), hosmc.beside_c(count), differentiators.speed(count),
+            lander.beside_c(count),
             start(3)]
     fixed(count)
     laws.each_law(max(3, count//3))
     hosmc.of_each(max(3, count//3))
     held.append(lander.descents())
-    good = "All limits hold." if beside.GCC else "What needs no C compiler holds; nothing was compared with C."
+    good = ("All limits hold." if beside.GCC
+            else "What needs no C compiler holds; nothing was compared with C.")
     print(good if all(held) else "A limit does not hold.")
     sys.exit(not all(held))

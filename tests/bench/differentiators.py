@@ -16,12 +16,14 @@ N, L = 1_000_000, 2.0
 def in_c(t, f):
     """The estimates of a record, in C."""
     out = np.empty((6, N))
-    assert beside.in_c("differentiators", "aaanxx", name="levant_5")(t, f, out, N, L, 10.0*(t[1] - t[0])) == N
+    assert beside.in_c("differentiators", "aaanxx", name="levant_5")(t, f, out, N, L,
+                                                                     10.0*(t[1] - t[0])) == N
     return out
 
 
 def speed(rounds):
-    """Time of a sample, kit and C, interleaved, uniform record and uneven one; True if the limits hold."""
+    """Time of a sample, kit and C, interleaved, uniform record and uneven one; True if the limits
+    hold."""
     print(f"Differentiator of order 5, levant, {N:g} samples: medians of {rounds} rounds")
     if beside.no_gcc():
         return True
@@ -31,8 +33,10 @@ def speed(rounds):
         f = np.sin(t) + np.cos(0.5*t) + 1e-3*rng.uniform(-1.0, 1.0, N)
         kit, c = (lambda t=t, f=f: differentiate(t, f, L, 5)), (lambda t=t, f=f: in_c(t, f))
         hand = c()
-        apart = np.max(np.abs(kit() - hand).max(axis=1)/np.abs(hand).max(axis=1))  # of the largest estimate
-        held &= beside.compare(name, rounds, N, kit, c, apart=[apart], tolerance=1e-9, step="sample")
+        # of the largest estimate
+        apart = np.max(np.abs(kit() - hand).max(axis=1)/np.abs(hand).max(axis=1))
+        held &= beside.compare(name, rounds, N, kit, c, apart=[apart], tolerance=1e-9,
+                               step="sample")
     return held
 
 
