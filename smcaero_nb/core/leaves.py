@@ -5,8 +5,9 @@ from typing import Any
 
 from .param import Param
 from .signal import leaves
+from .stages import SIGNALS
 
-__all__ = ["Leaf", "at", "found", "heads"]
+__all__ = ["Leaf", "at", "found", "heads", "named"]
 
 
 @dataclass(frozen=True)
@@ -71,6 +72,24 @@ def found(signal: str, shape: Any, metas: Any, many: bool,
         key = f"{signal}.{names[channel]}" if names else f"{signal}{mark}" + "'"*(derivative or 0)
         made.append(Leaf(key, signal, path, channel, derivative, _meta(metas, path)))
     return tuple(made)
+
+
+def named(loop: Any, shapes: dict[str, Any]) -> dict[str, tuple[Leaf, ...]]:
+    """Return the leaves of all signals of a loop, by signal."""
+    plant, output = loop.stages["plant"], loop.stages["output"]
+    nested = shapes["e"] is not None and any(v is not None for v in shapes["e"])
+    channels = nested or loop.stages["law"] is not None and shapes["v"] is not None
+    names = () if output or len(plant.states) == 1 else tuple(plant.states)
+    made = {}
+    for s in (*SIGNALS[1:], "e_m", "probe"):
+        if s not in shapes:
+            continue
+        outward = s in ("r", "y", "y_m", "e", "e_m")
+        states = names if outward and shapes[s] == shapes["x"] else ()
+        metas = loop.metadata(s) if output or not outward else tuple(plant.states.values())
+        many = bool(states) or s in ("v", "u", "d", "probe") or s == "sigma" and channels
+        made[s] = found(s, shapes[s], metas, many, states)
+    return made
 
 
 def heads(leaves_: tuple[Leaf, ...], values: Any) -> list:

@@ -15,7 +15,7 @@ from .block import Block
 from .checks import check
 from .leaves import Leaf
 
-__all__ = ["METHODS", "Line", "Meter", "Program", "parts", "serial", "step"]
+__all__ = ["METHODS", "Line", "Meter", "Program", "parts", "paths", "serial", "step"]
 
 LIMIT = 1e12  # sum of |x|, or of |u|, beyond which any run has diverged
 #: (node, weight) of each evaluation
@@ -190,6 +190,13 @@ def parts(b: Any) -> list[Block]:
     if hasattr(b, "parts"):
         return [q for p in b.parts.values() for q in parts(p)]
     return [b] if b else []
+
+
+def paths(stage: str, b: Any) -> list[tuple[str, Block]]:
+    """Return (path, block) of the blocks of a stage: ``law__attitude``."""
+    if hasattr(b, "parts"):
+        return [q for n, p in b.parts.items() for q in paths(f"{stage}__{n}", p)]
+    return [(stage, b)] if b else []
 
 
 # ---- layouts -------------------------------------------------------------------------------------

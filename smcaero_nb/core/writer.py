@@ -8,23 +8,22 @@ from .block import Block, BlockError, Channels
 from .cache import draws
 from .checks import check, kind, place, way_out
 from .expressions import error, limits, local, zero
-from .leaves import Leaf, found
+from .leaves import named
 from .param import listed, said
-from .program import LIMIT, METERS, METHODS, Program, line, parts
+from .program import LIMIT, METERS, METHODS, Program, line, parts, paths
 from .signal import leaves, shape, text
 from .stages import OWN, SAMPLED, SIGNALS, STAGES
 
-__all__ = ["inputs", "written"]
+__all__ = ["asking", "inputs", "written"]
 
-INPUTS = 8  # most inputs that a plant is tried with
-ESTIMATED = ("surface", "law", "allocation")  # for them e is what the differentiator gives
+INPUTS = 8  # maximum number of inputs that a plant is tried with
+ESTIMATED = ("surface", "law", "allocation")  # to them e is the output of the differentiator
 
 
-def paths(stage: str, b: Any) -> list[tuple[str, Block]]:
-    """Return (path, block) of the blocks of a stage: ``law__attitude``."""
-    if hasattr(b, "parts"):
-        return [q for n, p in b.parts.items() for q in paths(f"{stage}__{n}", p)]
-    return [(stage, b)] if b else []
+def asking(stages: dict[str, Any]) -> list[str]:
+    """Return the stages with a block that asks for u before the control gives it."""
+    return [s for s in ("output", "differentiator", "surface", "law", "allocation")
+            if any("u" in b.signals for b in parts(stages[s]))]
 
 
 def inputs(plant: Block) -> tuple[Any, Any]:
@@ -64,8 +63,7 @@ class _Writer:
     def write_all(self, method):
         """The lines of all segments."""
         stages = self.stages
-        asked = [s for s in ("output", "differentiator", "surface", "law", "allocation")
-                 if any("u" in b.signals for b in parts(stages[s]))]
+        asked = asking(stages)
         if asked or self.lag:  # as few zeros as the plant works with, before u is given
             self.written(self.assign, "u", repr(inputs(stages["plant"])[0]))
         taken = self.shapes.get("u")
@@ -341,26 +339,8 @@ def written(loop: Any, method: str, tau: float, m: int, lag: int = 0) -> Program
         segments={n: tuple(map(line, q)) for n, q in w.segments.items()},
         functions=w.functions, places=w.places, params=dict(zip(w.params, full, strict=True)),
         x=w.x, z=w.z, held=tuple(dict.fromkeys(held)), shapes=w.shapes,
-        leaves=_leaves(loop, w.shapes), meters=tuple(meters), state=state, columns=tuple(columns),
+        leaves=named(loop, w.shapes), meters=tuple(meters), state=state, columns=tuple(columns),
         inside=" and ".join([f"{' + '.join(f'abs({q})' for q in every)} <= {LIMIT!r}", *bounds]),
         driven=f"{' + '.join(f'abs({q})' for q in driven)} <= {LIMIT!r}",
         rings=tuple(w.rings), lag=lag,
         kinds=dict(zip(w.params, kinds, strict=True)), trial=tuple(w.trial), values=w.values)
-
-
-def _leaves(loop: Any, shapes: dict[str, Any]) -> dict[str, tuple[Leaf, ...]]:
-    """The leaves of all signals of a loop."""
-    plant, output = loop.stages["plant"], loop.stages["output"]
-    nested = shapes["e"] is not None and any(v is not None for v in shapes["e"])
-    channels = nested or loop.stages["law"] is not None and shapes["v"] is not None
-    names = () if output or len(plant.states) == 1 else tuple(plant.states)
-    made = {}
-    for s in (*SIGNALS[1:], "e_m", "probe"):
-        if s not in shapes:
-            continue
-        outward = s in ("r", "y", "y_m", "e", "e_m")
-        states = names if outward and shapes[s] == shapes["x"] else ()
-        metas = loop.metadata(s) if output or not outward else tuple(plant.states.values())
-        many = bool(states) or s in ("v", "u", "d", "probe") or s == "sigma" and channels
-        made[s] = found(s, shapes[s], metas, many, states)
-    return made
