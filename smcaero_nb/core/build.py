@@ -70,7 +70,8 @@ def _compiled(program: Program, key: str) -> tuple[Callable, Program]:
     from numba.core.errors import NumbaError, UnsupportedBytecodeError
 
     plain = _defined(program, {n: compiled(f) for n, (f, _) in program.functions.items()})
-    f = kept(njit(nogil=True, error_model="numpy", no_cfunc_wrapper=True)(plain), key + program.source)
+    jitted = njit(nogil=True, error_model="numpy", no_cfunc_wrapper=True)
+    f = kept(jitted(plain), key + program.source)
     try:
         f.compile((*[float64[::1]]*3, float64[:, ::1], float64, float64, *[int64]*8))
     except (NumbaError, UnsupportedBytecodeError) as why:

@@ -73,9 +73,10 @@ class ClosedLoop:
                                              {"plant": plant, **stages})
         for stage, b in self.stages.items():
             wanted(stage, b, *((Block,) if stage == "plant" else (Block, Channels, type(None))))
-            if texts := [n for n, k in (b.kinds if b else {}).items() if k not in (float, int, bool)]:
-                raise BlockError(f"{stage} '{b.name}': {texts[0]} is a choice of texts; a stage has "
-                                 "numbers and switches only")
+            kinds = b.kinds if b else {}
+            if texts := [n for n, k in kinds.items() if k not in (float, int, bool)]:
+                raise BlockError(f"{stage} '{b.name}': {texts[0]} is a choice of texts; "
+                                 "a stage has numbers and switches only")
 
     def with_(self, **changes: Any) -> "ClosedLoop":
         """Return a copy with changes.
@@ -111,7 +112,7 @@ class ClosedLoop:
 
     @property
     def p(self) -> dict[str, tuple]:
-        """The parameters, stage by stage; those that output and plant share have the plant's value."""
+        """The parameters, stage by stage; one that output and plant share has the plant's value."""
         plant, b = self.stages["plant"], dict(self.stages)
         if b["output"]:
             shared = [n for n in b["output"].params if n in plant.params]
@@ -119,8 +120,9 @@ class ClosedLoop:
         return {s: v.p for s, v in b.items() if v}
 
     def start(self) -> tuple[dict[str, float], dict[str, float]]:
-        """Return the initial states {variable: value} of the plant and of the blocks with memory."""
-        z = {f"z_{s}_{i}": v for s, q in STAGES.items() if q.memory and s != "plant" and self.stages[s]
+        """Return the initial {variable: value} of the plant and of the blocks with memory."""
+        z = {f"z_{s}_{i}": v for s, q in STAGES.items()
+             if q.memory and s != "plant" and self.stages[s]
              for i, v in enumerate(self.stages[s].z0)}
         return {f"x_{i}": v for i, v in enumerate(self.stages["plant"].z0)}, z
 
