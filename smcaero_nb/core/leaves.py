@@ -1,4 +1,4 @@
-"""Leaves: what each number of a signal is."""
+"""Leaves: the numbers of a signal, described."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -17,14 +17,14 @@ class Leaf:
     Attributes
     ----------
     key : str
-        Its name, as in tables and files: ``"e"``, ``"e'"``, ``"u[1]"``, ``"y.theta"``.
+        Its name in tables and files: ``"e"``, ``"e'"``, ``"u[1]"``, ``"y.theta"``.
     signal : str
     path : tuple of int
-        Where it is in the signal.
+        Its place in the signal.
     channel : int
     derivative : int or None
-        0 of the quantity itself, 1 of its rate; None where no item of the signal is a derivative of
-        another one.
+        0 for the quantity itself, 1 for its rate; None where no item of the signal is a derivative
+        of another one.
     meta : Param
     """
 
@@ -57,8 +57,8 @@ def found(signal: str, shape: Any, metas: Any, many: bool,
           names: tuple[str, ...] = ()) -> tuple[Leaf, ...]:
     """Return the leaves of a signal.
 
-    Nested items are channels, and the items of a channel are derivatives. In a flat signal they are
-    derivatives of one another, or, where `many`, channels; with `names`, channels of these names.
+    Nested items are channels, and the items of a channel are derivatives. The items of a flat
+    signal are derivatives of one another, or channels if `many`; with `names`, named channels.
     """
     nested = shape is not None and any(v is not None for v in shape)
     made = []
@@ -93,5 +93,5 @@ def named(loop: Any, shapes: dict[str, Any]) -> dict[str, tuple[Leaf, ...]]:
 
 
 def heads(leaves_: tuple[Leaf, ...], values: Any) -> list:
-    """Return the values of a signal without those of derivatives, one for each channel."""
+    """Return the values of a signal without its derivatives, one per channel."""
     return [at(values, q.path) for q in leaves_ if not q.derivative]

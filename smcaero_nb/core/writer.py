@@ -1,4 +1,4 @@
-"""Writes the program of a loop, trying each line at t = 0 to learn the shapes of the signals."""
+"""Writes the program of a loop, trying each line at t = 0 to find the shapes of the signals."""
 
 import re
 import zlib
@@ -27,7 +27,7 @@ def asking(stages: dict[str, Any]) -> list[str]:
 
 
 def inputs(plant: Block) -> tuple[Any, Any]:
-    """Return zero input and perturbation of the shapes that a plant takes: the fewest that work."""
+    """Return a zero input and a zero perturbation of the smallest shapes that a plant takes."""
     for m in range(1, INPUTS + 1):
         for d in (0.0, (0.0,)*m):
             given = {"t": 0.0, "x": plant.z0, "u": (0.0,)*m if m > 1 else 0.0, "d": d}
@@ -42,7 +42,7 @@ def inputs(plant: Block) -> tuple[Any, Any]:
 
 
 class _Writer:
-    """Writes the program of a loop, trying each line to learn the shapes of the signals."""
+    """Writes the program of a loop, trying each line to find the shapes of the signals."""
 
     def __init__(self, loop: Any, method: str, tau: float, m: int, lag: int):
         self.loop, self.stages, self.m, self.lag = loop, loop.stages, m, lag
@@ -56,7 +56,7 @@ class _Writer:
                        "float": float, **self.params, **self.start}
         self.held_world = [s for s in ("reference", "perturbation")
                            if any(b.states for b in parts(self.stages[s]))]
-        self.command = "c" if lag else "u"  # what the control gives; u is what acts
+        self.command = "c" if lag else "u"  # the output of the control; u is what acts
         self.segments = self.write_all(method)
 
     # ---- segments --------------------------------------------------------------------------
@@ -64,7 +64,7 @@ class _Writer:
         """The lines of all segments."""
         stages = self.stages
         asked = asking(stages)
-        if asked or self.lag:  # as few zeros as the plant works with, before u is given
+        if asked or self.lag:  # the fewest zeros that the plant takes, until u is given
             self.written(self.assign, "u", repr(inputs(stages["plant"])[0]))
         taken = self.shapes.get("u")
         early = any("d" in b.signals for b in parts(stages["output"]))
@@ -85,7 +85,7 @@ class _Writer:
         return made
 
     def count(self):
-        """The number of the sample, where a block or a ring asks for it."""
+        """The number of the sample, if a block or a ring asks for it."""
         needs = self.lag or any("k" in b.signals for s in STAGES for b in parts(self.stages[s]))
         if needs:
             self.write("count = k//m")
@@ -98,7 +98,7 @@ class _Writer:
             self.stage(s, STAGES[s].gives)
 
     def measure(self, early):
-        """Reference, output and error; before them, for an output that asks, the perturbation."""
+        """Reference, output and error; before them the perturbation, if the output asks for it."""
         if early and "perturbation" not in self.held_world:
             self.stage("perturbation", "d")
         if self.stages["output"] or len(self.x) > 1:
@@ -112,7 +112,7 @@ class _Writer:
         self.miss("e", "y")
 
     def miss(self, gives, of):
-        """The difference of reference and output, or of reference and what the sensor gives."""
+        """The difference of reference and output, or of reference and measurement."""
         try:
             self.assign(gives, error(self.shapes["r"], self.shapes[of], name=of))
         except (BlockError, TypeError, IndexError) as why:
@@ -138,7 +138,7 @@ class _Writer:
             self.ring(write=True)
 
     def ring(self, write):
-        """Lines that put the command into its ring, or take u out of it."""
+        """Lines that put the control into its ring, or take u out of it."""
         names = [local("c", q) for q in leaves(self.shapes["c"])]
         size = -(-self.lag//self.m) + 1
         if write:
@@ -181,7 +181,7 @@ class _Writer:
         return self.lines
 
     def write(self, source, where="", given=()):
-        """Append a line and try it; an error names the block, its line and what it was given."""
+        """Append a line and try it; an error names the block, its line and its arguments."""
         try:
             exec(source, self.values)
         except Exception as why:
@@ -211,7 +211,7 @@ class _Writer:
             self.write(f"{local(name, q)} = float(out{q})")
 
     def stage(self, stage, gives, passes="", alias=None):
-        """One stage: `gives` = block(...); where there is no block the signal `passes`, or zero."""
+        """One stage: `gives` = block(...); without a block the signal `passes`, or zero."""
         if self.stages[stage]:
             self.assign(gives, self.call(stage, alias or {}))
         elif gives != passes:
@@ -224,7 +224,7 @@ class _Writer:
         return self.called(stage, self.stages[stage], stage, None, alias)
 
     def called(self, stage, b, path, channel, alias):
-        """Call a block, or channels of blocks; return the text of what they give."""
+        """Call a block, or channels of blocks; return the text of the output."""
         if not isinstance(b, Channels):
             return self.block(stage, b, path, channel, alias)
         channel = [None if stage == "probe" else i for i in range(len(b.parts))]
@@ -233,7 +233,7 @@ class _Writer:
         return "(" + "".join(f"{q}, " for q in results) + ")"
 
     def seen(self, stage, signal):
-        """The name under which a stage finds a signal: the control sees what the sensor gives."""
+        """The name under which a stage finds a signal: the control sees the sensor's output."""
         if stage in SAMPLED and self.stages["sensor"] and stage != "sensor":
             signal = {"y": "y_m", "e": "e_m"}.get(signal, signal)
         if signal in ("e", "e_m") and self.stages["differentiator"] and stage in ESTIMATED:
@@ -241,7 +241,7 @@ class _Writer:
         return self.command if signal == "u" and stage == "actuator" else signal
 
     def block(self, stage, b, path, channel, alias):
-        """Call one block; return the text of what it gives."""
+        """Call one block; return the text of its output."""
         where, numbers = f"{stage} '{b.name}'", self.numbers
         mark = f"_{numbers['part']}"*hasattr(self.stages[stage], "parts")
         name = re.sub(r"\W", "_", f"{stage}_{b.name}") + mark
@@ -275,7 +275,7 @@ class _Writer:
         return f"{result}[0]" if states else result
 
     def memory(self, stage, b, where):
-        """The variables of the states of a block, which has to ask for what its stage offers."""
+        """The variables of a block's states; it may ask only for what its stage offers."""
         s = STAGES[stage]
         memory = s.memory and stage != "plant"
         offered = s.asks + OWN*(memory and (s.when == "tau" or bool(b.states)))
@@ -298,7 +298,7 @@ def written(loop: Any, method: str, tau: float, m: int, lag: int = 0) -> Program
     ----------
     loop : ClosedLoop
     method : str
-        Of integration, one of `METHODS`.
+        Integration method, one of `METHODS`.
     tau : float
         Sampling step [s].
     m : int
@@ -309,7 +309,7 @@ def written(loop: Any, method: str, tau: float, m: int, lag: int = 0) -> Program
     Raises
     ------
     BlockError
-        A block that does not fit its stage or fails at t = 0.
+        A block does not fit its stage or fails at t = 0.
     """
     w = _Writer(loop, method, tau, m, lag)
     names = {s: [local(s, q) for q in leaves(w.shapes[s])] for s in w.shapes}
