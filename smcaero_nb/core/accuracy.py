@@ -126,12 +126,13 @@ def accuracy(loop: ClosedLoop, duration: float | None = None, dt: float | None =
     if loop.stages["law"] is None:
         raise ParameterError("accuracy: the loop has no law, so there is no sliding to measure")
     given = several("accuracy", "factors", factors)
-    factors = {positive("accuracy", f"factors[{i}]", f, "1") for i, f in enumerate(given)}
-    if len(factors) < 4:
+    different = {positive("accuracy", f"factors[{i}]", f, "1") for i, f in enumerate(given)}
+    if len(different) < 4:
         raise refused("accuracy", "factors", given, "at least four different numbers")
-    factors = sorted(factors, reverse=True)
-    cost, done, sizes, left = np.array([1.0/f for f in factors]), 0.0, [], {}
-    for f, part in zip(factors, cost/cost.sum(), strict=True):
+    multiples = sorted(different, reverse=True)
+    cost, done, sizes, left = np.array([1.0/f for f in multiples]), 0.0, [], {}
+    names: list[tuple[str, int]] = []
+    for f, part in zip(multiples, cost/cost.sum(), strict=True):
         watched = progress and (lambda q, done=done, part=part: progress(done + part*q))
         run = simulate(loop, duration, f*dt, f*step, method=method, tail=0.5, progress=watched)
         names, size, why = _measured(run)
@@ -139,7 +140,7 @@ def accuracy(loop: ClosedLoop, duration: float | None = None, dt: float | None =
         if why:
             left.setdefault(why, []).append(f"{f*step:.3g}")
         done += part
-    steps, sizes = step*np.array(factors), np.array(sizes).T
+    steps, sizes = step*np.array(multiples), np.array(sizes).T
     slopes = [_slope(steps, size) for size in sizes]
     why = "; ".join(f"tau = {', '.join(q)} s left out: {said}" for said, q in left.items())
     order = _order(slopes, [i for _, i in names])

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from typing import Any
 
 from .block import BlockError
-from .cache import compiled, kept, remembered
+from .cache import OPTIONS, compiled, kept, remembered
 from .program import Program
 from .signal import shape
 from .writer import asking, inputs, written
@@ -70,8 +70,7 @@ def _compiled(program: Program, key: str) -> tuple[Callable, Program]:
     from numba.core.errors import NumbaError, UnsupportedBytecodeError
 
     plain = _defined(program, {n: compiled(f) for n, (f, _) in program.functions.items()})
-    jitted = njit(nogil=True, error_model="numpy", no_cfunc_wrapper=True)
-    f = kept(jitted(plain), key + program.source)
+    f = kept(njit(**OPTIONS)(plain), key + program.source)
     try:
         f.compile((*[float64[::1]]*3, float64[:, ::1], float64, float64, *[int64]*8))
     except (NumbaError, UnsupportedBytecodeError) as why:

@@ -24,6 +24,9 @@ import platformdirs
 __all__ = ["cache_folder", "compiled", "draws", "fingerprint", "kept", "remembered"]
 
 _ENGINE = hashlib.sha256(b"".join(f.read_bytes() for f in sorted(pathlib.Path(__file__).parent.glob("*.py")))).hexdigest()
+#: Options of numba for a loop, and for a function that only loops call.
+OPTIONS: dict[str, Any] = dict(nogil=True, error_model="numpy", no_cfunc_wrapper=True)
+_INNER: dict[str, Any] = OPTIONS | dict(no_cpython_wrapper=True)
 _LIBRARIES = {"math", "builtins", "numpy", "scipy", "numba"}
 _FORMAT = 2  # of the files on disk; part of the folder's name, so that older files are never loaded
 _FILES = 500  # compiled loops kept on disk; the oldest go first
@@ -177,11 +180,9 @@ def compiled(f: types.FunctionType, defaults: tuple | None = None) -> Any:
         reads = {n for c in _codes(f.__code__) for n in c.co_names}
         names: dict[str, Any] = {"__name__": __name__}
         cells = tuple(types.CellType() for _ in f.__closure__ or ())
-        own = defaults and inner(defaults)
+        own: Any = defaults and inner(defaults)
         g = types.FunctionType(f.__code__, names, f.__name__, own, cells or None)
-        jitted = njit(nogil=True, error_model="numpy", no_cpython_wrapper=True,
-                      no_cfunc_wrapper=True)
-        _compiled[key] = jitted(g)
+        _compiled[key] = njit(**_INNER)(g)
         try:  # only now: a helper may call itself
             names.update({n: inner(v) for n, v in _used(f).items()})
             for new, old in zip(cells, f.__closure__ or (), strict=True):

@@ -67,7 +67,7 @@ def found(signal: str, shape: Any, metas: Any, many: bool,
         channel = path[0] if path and (nested or many) else 0
         inner = path[1:] if nested or many else path
         derivative = None if not nested and many else (inner[-1] if inner else 0)
-        several = path and (nested or many) and len(shape) > 1
+        several = shape is not None and (nested or many) and len(shape) > 1
         mark = f"[{channel}]" if several else ""
         key = f"{signal}.{names[channel]}" if names else f"{signal}{mark}" + "'"*(derivative or 0)
         made.append(Leaf(key, signal, path, channel, derivative, _meta(metas, path)))

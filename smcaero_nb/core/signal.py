@@ -12,7 +12,7 @@ try:
     from numba import types
     from numba.extending import overload
 
-    TUPLES = (tuple, types.BaseTuple)
+    TUPLES: Any = (tuple, types.BaseTuple)
 except ImportError:  # simulate(..., jit=False) needs no numba
     TUPLES, overload = (tuple,), None
 
@@ -63,7 +63,7 @@ def generated(args: str, body: Callable[..., str]) -> Callable:
     def f(*a):
         return code(*a)(*a)
 
-    f.of_signals = True  # the engine leaves it alone: its text is part of the engine
+    vars(f)["of_signals"] = True  # the engine leaves it alone: its text is part of the engine
     f.__name__ = f.__qualname__ = body.__name__
     if overload:
         overload(f, strict=False)(code)

@@ -86,13 +86,13 @@ def simulate(loop: ClosedLoop, duration: float | None = None, dt: float | None =
     if jit:
         from numba import config
 
-        jit = not config.DISABLE_JIT
+        jit = not config.DISABLE_JIT  # pyright: ignore[reportAttributeAccessIssue]
     f, program = built(loop, method, m*dt, m, lag, jit)
     every, k_tail = -(-n//record), n - round(n*tail)
     rec = np.empty((-(-n//every) + 1, len(program.columns)))
-    *left, k, stopped, diverged = _driven(f, program, loop, rec, dt, m, n, every, k_tail,
-                                          1000 if jit else 20, progress)
-    return result(loop, program, *left, k, k_tail, dt, m, stopped, diverged)
+    rec, end, before, k, stopped, diverged = _driven(
+        f, program, loop, rec, dt, m, n, every, k_tail, 1000 if jit else 20, progress)
+    return result(loop, program, rec, end, before, k, k_tail, dt, m, stopped, diverged)
 
 
 def _steps(loop: ClosedLoop, duration: float, dt: float, tau: float) -> tuple[int, int, int]:

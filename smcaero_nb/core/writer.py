@@ -28,6 +28,7 @@ def asking(stages: dict[str, Any]) -> list[str]:
 
 def inputs(plant: Block) -> tuple[Any, Any]:
     """Return a zero input and a zero perturbation of the smallest shapes that a plant takes."""
+    why: Exception | None = None
     for m in range(1, INPUTS + 1):
         for d in (0.0, (0.0,)*m):
             given = {"t": 0.0, "x": plant.z0, "u": (0.0,)*m if m > 1 else 0.0, "d": d}
@@ -232,7 +233,7 @@ class _Writer:
                    for i, (name, part) in zip(channel, b.parts.items(), strict=True)]
         return "(" + "".join(f"{q}, " for q in results) + ")"
 
-    def seen(self, stage, signal):
+    def seen(self, stage: str, signal: str) -> str:
         """The name under which a stage finds a signal: the control sees the sensor's output."""
         if stage in SAMPLED and self.stages["sensor"] and stage != "sensor":
             signal = {"y": "y_m", "e": "e_m"}.get(signal, signal)
