@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 import platformdirs
 
-__all__ = ["cache_folder", "compiled", "draws", "fingerprint", "kept", "remembered"]
+__all__ = ["OPTIONS", "cache_folder", "compiled", "draws", "fingerprint", "kept", "remembered"]
 
 _ENGINE = hashlib.sha256(b"".join(f.read_bytes() for f in sorted(pathlib.Path(__file__).parent.glob("*.py")))).hexdigest()
 #: Options of numba for a loop, and for a function that only loops call.
@@ -215,7 +215,7 @@ def cache_folder() -> pathlib.Path:
     except RuntimeError as why:  # no home directory
         raise FileNotFoundError(str(why)) from why
     if not own and not parent.is_absolute():
-        raise FileNotFoundError("there is no home directory; SMCAERO_CACHE_DIR names another place")
+        raise FileNotFoundError("no home directory was found; set SMCAERO_CACHE_DIR to a folder")
     folder = parent/f"loops-{_FORMAT}"
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     if hasattr(os, "getuid"):

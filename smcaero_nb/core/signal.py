@@ -96,7 +96,7 @@ def solution(G: Any, s: Any) -> str:
     """Return the body of a function for G^-1 s, by elimination with row exchanges."""
     m = len(s) if s else 1
     if s not in (None, (None,)*m) or not (G == ((None,)*m,)*m or m == 1 and G is None):
-        raise ValueError(f"G0 must be {m} rows of {m} numbers each, one row a component of v")
+        raise ValueError(f"G0 must be {m} rows of {m} numbers each, one row per component of v")
     lines = [f"a{i}{j} = float(G{f'[{i}][{j}]' if G else ''})" for i in range(m) for j in range(m)]
     lines += [f"b{i} = s{f'[{i}]' if s else ''}" for i in range(m)]
     for k in range(m):

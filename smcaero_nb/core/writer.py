@@ -259,7 +259,7 @@ class _Writer:
                              + ", ".join(told)) from None
         args += [f"p_{stage}_{numbers['p'] + j}" for j in range(len(b.params))]
         if name not in self.functions and (source := draws(b.f)):
-            raise BlockError(f"{where} draws random numbers with {source}, which no run repeats; "
+            raise BlockError(f"{where} draws random numbers with {source}, so its runs differ; "
                              "draw them once (noise = "
                              "np.random.default_rng(1).standard_normal(1000)) and read noise[...] "
                              "in the block")
