@@ -24,9 +24,6 @@ import platformdirs
 __all__ = ["OPTIONS", "cache_folder", "compiled", "draws", "fingerprint", "kept", "remembered"]
 
 _ENGINE = hashlib.sha256(b"".join(f.read_bytes() for f in sorted(pathlib.Path(__file__).parent.glob("*.py")))).hexdigest()
-#: Options of numba for a loop, and for a function that only loops call.
-OPTIONS: dict[str, Any] = dict(nogil=True, error_model="numpy", no_cfunc_wrapper=True)
-_INNER: dict[str, Any] = OPTIONS | dict(no_cpython_wrapper=True)
 _LIBRARIES = {"math", "builtins", "numpy", "scipy", "numba"}
 _FORMAT = 2  # of the files on disk; part of the folder's name, so that older files are never loaded
 _FILES = 500  # compiled loops kept on disk; the oldest go first
@@ -35,6 +32,9 @@ _FUNCTIONS = 500  # compiled functions kept in memory
 _PROCESS = secrets.token_hex(8)  # marks objects that only their identity tells apart
 _PLAIN = (int, float, complex, str, bytes, type(None), type(...), range, slice, enum.Enum,
           np.generic, np.dtype)
+#: Options of numba for a loop, and for a function that only loops call.
+OPTIONS: dict[str, Any] = dict(nogil=True, error_model="numpy", no_cfunc_wrapper=True)
+_INNER: dict[str, Any] = OPTIONS | dict(no_cpython_wrapper=True)
 _compiled: dict = {}
 _said: set[str] = set()
 
