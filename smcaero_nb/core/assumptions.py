@@ -1,32 +1,40 @@
-r"""What a law's theorem assumes of the perturbation, and what the perturbation of a run was."""
+"""Assumptions of a law's theorem about the perturbation, and the perturbation of a run."""
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .block import Block
 from .param import switch, texted
 from .signal import flat
 
+if TYPE_CHECKING:
+    from .run import Run
+
 __all__ = ["degree", "doubts", "exceeds", "laws", "perturbation"]
 
-ROWS = 50  # at which an allocation's condition is looked at
-MARGIN = 1.001  # a bound that is met to within this is met
+Condition = Callable[[dict[str, Any], float, float], str | None]
+ROWS = 50  # at which an allocation's condition is checked
+MARGIN = 1.001  # relative tolerance of the bound
 
 
-def exceeds(name, symbol="|xi|", rate=False):
-    r"""The condition that the perturbation, or its derivative, stays within a parameter: `theorem` of a block.
+def exceeds(name: str, symbol: str = "|xi|", rate: bool = False) -> Condition:
+    r"""Make the `theorem` of a block whose parameter bounds the perturbation, or its derivative.
 
     Parameters
     ----------
     name : str
-        The parameter that is its bound.
+        The parameter that is the bound.
     symbol : str
-        What the bound is of, as the sentence says it.
+        The bounded quantity, as the message writes it.
     rate : bool
-        Whether it bounds the derivative.
+        Whether the derivative is bounded.
 
     Returns
     -------
     function
-        ``f(values, xi, dxi)``: None, or the sentence that says what does not hold.
+        ``f(values, xi, dxi)``: None, or a sentence on the violation.
 
     Raises
     ------
@@ -36,40 +44,42 @@ def exceeds(name, symbol="|xi|", rate=False):
     name, symbol = texted("exceeds", "name", name), texted("exceeds", "symbol", symbol)
     rate = switch("exceeds", "rate", rate)
 
-    def condition(values, xi, dxi):
+    def condition(values: dict[str, Any], xi: float, dxi: float) -> str | None:
         size, unit = (dxi, "[v]/s") if rate else (xi, "[v]")
         if size > MARGIN*values[name]:
             return f"{symbol} reaches {size:.3g}, more than {name} = {values[name]:g} {unit}"
+        return None
 
     return condition
 
 
-def laws(run):
-    """(block, sigma, v, integral of v) of the law, channel by channel."""
+def laws(run: "Run") -> list[tuple[Block, Any, Any, Any]]:
+    """Return (block, sigma, v, integral of v) of the law, channel by channel."""
     return _channels(run.loop.stages["law"], run.sigma, run.v, run.integral_v)
 
 
-def _channels(law, sigma, v, integral):
-    parts = getattr(law, "parts", None)
-    return [(law, sigma, v, integral)] if parts is None else list(zip(parts.values(), sigma, v, integral, strict=True))
+def _channels(law: Any, sigma: Any, v: Any, integral: Any) -> list[tuple[Block, Any, Any, Any]]:
+    if not hasattr(law, "parts"):
+        return [(law, sigma, v, integral)]
+    return list(zip(law.parts.values(), sigma, v, integral, strict=True))
 
 
-def _row(s, i):
+def _row(s: Any, i: int) -> Any:
     """A recorded signal at one row."""
     return tuple(_row(q, i) for q in s) if isinstance(s, tuple) else float(s[i])
 
 
-def degree(b, sigma, v):
-    """Relative degree that a law is for."""
+def degree(b: Block, sigma: Any, v: Any) -> int:
+    """Return the relative degree that a law is for."""
     return b.r or (1 if isinstance(v, tuple) else len(flat(sigma)))
 
 
-def perturbation(law, t, sigma, v, integral_v, tau):
-    r"""The perturbation as the law meets it, xi = sigma^(r) + v: its mean since the row before.
+def perturbation(law: Any, t: np.ndarray, sigma: Any, v: Any, integral_v: Any, tau: float) -> Any:
+    r"""Return the perturbation that the law faces, xi = sigma^(r) + v, averaged between rows.
 
-    It holds all that the law does not know: the perturbation of the plant, what the model of it
-    leaves out, and an actuator's lag. Nested as v; None where v and sigma do not belong together,
-    or the run is too short.
+    It includes all that the law does not know: the perturbation of the plant, errors of the model,
+    and the actuator's lag. Nested as v; None where v and sigma do not match, or where the run is
+    too short.
     """
     if len(t) < 3:
         return None
@@ -96,20 +106,20 @@ def perturbation(law, t, sigma, v, integral_v, tau):
     return tuple(found) if hasattr(law, "parts") else found[0]
 
 
-def doubts(run):
-    r"""Why the theorem of the law does not speak of this run: conditions on the perturbation that it breaks, in words.
+def doubts(run: "Run") -> list[str]:
+    r"""Return the assumptions of the law's convergence theorem that this run violates, in words.
 
     Returns
     -------
     list of str
-        Empty if all hold, if the law declares none (``@block(theorem=...)``), or if the run is too
-        short to tell.
+        Empty if all of them hold, if the law declares none (``@block(theorem=...)``), or if the run
+        is too short to tell.
 
     Notes
     -----
-    The perturbation is `Run.xi`, found from the run itself, in its second half: on the
-    way to sigma = 0 the plant itself may perturb more. One that is large for a single row, as when
-    a command jumps, does not count. Faster changes than the recorded rows are averaged out.
+    The perturbation is `Run.xi`, computed from the run, in its second half: on the way to sigma = 0
+    the plant itself may perturb more. A peak of a single row, as from a step in the command, does
+    not count. Changes faster than the recorded rows are averaged out.
     """
     law, allocation, said = run.loop.stages["law"], run.loop.stages["allocation"], []
     if getattr(allocation, "theorem", None):

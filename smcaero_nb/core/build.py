@@ -9,20 +9,23 @@ from collections.abc import Callable
 from typing import Any
 
 from .block import BlockError
-from .cache import compiled, kept, remembered
-from .program import Program, parts
+from .cache import OPTIONS, compiled, kept, remembered
+from .program import Program
 from .signal import shape
-from .writer import inputs, written
+from .writer import asking, inputs, written
 
 __all__ = ["built"]
 
-LOOPS = 64  # kept in memory; the others come back from disk
+LOOPS = 64  # kept in memory; the others are read from disk again
 _made: dict = {}
 _lock = threading.RLock()  # masks simulate in threads
 
 
-def built(loop: Any, method: str, tau: float, m: int, lag: int, jit: bool) -> tuple[Callable, Program]:
-    """Return the function that runs a loop of these blocks, from memory, from disk, or made now; and its program.
+def built(loop: Any, method: str, tau: float, m: int, lag: int,
+          jit: bool) -> tuple[Callable, Program]:
+    """Return the function that runs a loop of these blocks, and its program.
+
+    The function comes from memory, from disk, or is made now.
 
     Raises
     ------
@@ -31,20 +34,18 @@ def built(loop: Any, method: str, tau: float, m: int, lag: int, jit: bool) -> tu
     """
     with _lock:
         key = _key(loop, method, m, lag)
-        if not jit:  # plain: these very functions, which a debugger knows
+        if not jit:  # these very functions, in which a debugger can stop
             return _plain(written(loop, method, tau, m, lag))
         if key in _made and not _made[key][1].stands(loop, tau, m):
-            written(loop, method, tau, m, lag)  # say why, as if it were new
+            written(loop, method, tau, m, lag)  # raises the error of a new loop
         if key not in _made:
             _made[key] = _compiled(written(loop, method, tau, m, lag), key)
         return remembered(_made, key, LOOPS)
 
 
 def _key(loop: Any, method: str, m: int, lag: int) -> str:
-    """What the text of a loop depends on."""
-    asked = any("u" in b.signals for s in ("output", "differentiator", "surface", "law", "allocation")
-                for b in parts(loop.stages[s]))
-    shapes = shape(inputs(loop.stages["plant"])[0]) if asked or lag else ()
+    """All that the text of a loop depends on."""
+    shapes = shape(inputs(loop.stages["plant"])[0]) if asking(loop.stages) or lag else ()
     late = (lag, -(-lag//m)) if lag else ()
     return repr((method, shapes, late, [(s, b and b.content()) for s, b in loop.stages.items()]))
 
@@ -52,7 +53,8 @@ def _key(loop: Any, method: str, m: int, lag: int) -> str:
 def _defined(program: Program, functions: dict[str, Any]) -> types.FunctionType:
     """Define the function of a program, with its text for debuggers."""
     source = program.source
-    names: dict[str, Any] = {**functions, "__name__": __name__}  # numba asks for it when it loads from disk
+    # numba asks for __name__ when it loads from disk
+    names: dict[str, Any] = {**functions, "__name__": __name__}
     file = f"<loop {hashlib.sha256(source.encode()).hexdigest()[:8]}>"
     linecache.cache[file] = len(source), None, source.splitlines(True), file
     exec(compile(source, file, "exec"), names)
@@ -68,7 +70,7 @@ def _compiled(program: Program, key: str) -> tuple[Callable, Program]:
     from numba.core.errors import NumbaError, UnsupportedBytecodeError
 
     plain = _defined(program, {n: compiled(f) for n, (f, _) in program.functions.items()})
-    f = kept(njit(nogil=True, error_model="numpy", no_cfunc_wrapper=True)(plain), key + program.source)
+    f = kept(njit(**OPTIONS)(plain), key + program.source)
     try:
         f.compile((*[float64[::1]]*3, float64[:, ::1], float64, float64, *[int64]*8))
     except (NumbaError, UnsupportedBytecodeError) as why:
@@ -77,27 +79,43 @@ def _compiled(program: Program, key: str) -> tuple[Callable, Program]:
 
 
 def _uncompilable(program: Program, why: Exception) -> BlockError:
-    """The error that names the block, and its line, which numba cannot compile."""
-    from numba import njit, typeof
-    from numba.core.errors import NumbaError, UnsupportedBytecodeError
-
+    """The error that names the block, and the line in it, that numba cannot compile."""
     for source in program.source.split("\n"):
         for name, (f, where) in program.functions.items():
-            if f" = {name}(" in source:
-                args = eval(f"({source.split(f' = {name}(')[1][:-1]},)", program.values)
-                try:
-                    alone = compiled(f).py_func
-                    njit(nogil=True, error_model="numpy")(alone).compile(tuple(map(typeof, args)))
-                except (NumbaError, UnsupportedBytecodeError) as reason:
-                    found = re.findall(r'(?:File "|Raised from )(.*?)(?:", line | \()(\d+)', str(reason))
-                    file, number = found[-1] if found else ("", 0)
-                    at = f", line {number} ({linecache.getline(file, int(number)).strip()})" if found else ""
-                    return BlockError(f"{where} cannot be compiled{at}: {_first(reason)}. A block may use floats, tuples, math "
-                                      "and plain functions; simulate(..., jit=False) runs it as plain Python")
+            if f" = {name}(" not in source:
+                continue
+            args = eval(f"({source.split(f' = {name}(')[1][:-1]},)", program.values)
+            if reason := _refusal(f, args):
+                return BlockError(f"{where} cannot be compiled{_place(reason)}: {_first(reason)}. "
+                                  "A block may use floats, tuples, math and plain functions; "
+                                  "simulate(..., jit=False) runs it as plain Python")
     return BlockError(f"the loop cannot be compiled: {_first(why)}")
 
 
+def _refusal(f: types.FunctionType, args: tuple) -> Exception | None:
+    """The error with which numba refuses to compile one block, or None."""
+    from numba import njit, typeof
+    from numba.core.errors import NumbaError, UnsupportedBytecodeError
+
+    try:
+        alone = compiled(f).py_func
+        njit(nogil=True, error_model="numpy")(alone).compile(tuple(map(typeof, args)))
+    except (NumbaError, UnsupportedBytecodeError) as reason:
+        return reason
+    return None
+
+
+def _place(reason: Exception) -> str:
+    """The line of a block that numba's error is about."""
+    found = re.findall(r'(?:File "|Raised from )(.*?)(?:", line | \()(\d+)', str(reason))
+    if not found:
+        return ""
+    file, number = found[-1]
+    return f", line {number} ({linecache.getline(file, int(number)).strip()})"
+
+
 def _first(reason: Exception) -> str:
-    """What numba says, in one line."""
+    """The first line of a numba error that says something."""
     lines = [q.strip() for q in re.sub(r"\x1b\[\d*m", "", str(reason)).split("\n")]
-    return next((q for q in lines if q and not q.startswith(("Failed in", "-", "File"))), "numba gives no reason")
+    telling = (q for q in lines if q and not q.startswith(("Failed in", "-", "File")))
+    return next(telling, "numba gives no reason")

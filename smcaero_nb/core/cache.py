@@ -1,4 +1,4 @@
-"""What a function says (not who it is): fingerprints, compiled functions, and a disk cache keyed on them."""
+"""Fingerprints of the content of functions, compiled functions, and a disk cache for them."""
 
 import contextlib
 import dis
@@ -15,62 +15,76 @@ import tempfile
 import time
 import types
 import warnings
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import platformdirs
 
-__all__ = ["cache_folder", "compiled", "draws", "fingerprint", "kept", "remembered"]
+__all__ = ["OPTIONS", "cache_folder", "compiled", "draws", "fingerprint", "kept", "remembered"]
 
 #: What is compiled beside a loop's own text and blocks, and how.
 _ENGINE = hashlib.sha256(b"".join(pathlib.Path(__file__).with_name(f"{name}.py").read_bytes()
                                   for name in ("build", "cache", "signal", "vec"))).hexdigest()
 _LIBRARIES = {"math", "builtins", "numpy", "scipy", "numba"}
-_FORMAT = 2  # of the files on disk, and part of their folder's name: what an older version wrote is never loaded
+_FORMAT = 2  # of the files on disk; part of the folder's name, so that older files are never loaded
 _FILES = 500  # compiled loops kept on disk; the oldest go first
-_STALE = 3600.0  # s after which a file that is still being written was left by a process that ended
+_STALE = 3600.0  # s after which an unfinished file must be from a process that has ended
 _FUNCTIONS = 500  # compiled functions kept in memory
-_PROCESS = secrets.token_hex(8)  # what has an identity, but no text, is the same in this process only
-_PLAIN = (int, float, complex, str, bytes, type(None), type(...), range, slice, enum.Enum, np.generic, np.dtype)
-_compiled = {}
-_said = set()
+_PROCESS = secrets.token_hex(8)  # marks objects that only their identity tells apart
+_PLAIN = (int, float, complex, str, bytes, type(None), type(...), range, slice, enum.Enum,
+          np.generic, np.dtype)
+#: Options of numba for a loop, and for a function that only loops call.
+OPTIONS: dict[str, Any] = dict(nogil=True, error_model="numpy", no_cfunc_wrapper=True)
+_INNER: dict[str, Any] = OPTIONS | dict(no_cpython_wrapper=True)
+_compiled: dict = {}
+_said: set[str] = set()
 
 
-def _codes(c):
+def _codes(c: types.CodeType) -> list[types.CodeType]:
     """A code object and those nested in it."""
     return [c] + [d for k in c.co_consts if isinstance(k, types.CodeType) for d in _codes(k)]
 
 
 @functools.lru_cache(maxsize=2000)
-def _written(code):
-    """Names that a code object reads, in order, and the hash of what it says: neither ever changes."""
+def _written(code: types.CodeType) -> tuple[tuple[str, ...], str]:
+    """Names that a code object reads, in order, and the hash of its content; neither changes."""
     say = [(c.co_argcount, c.co_code.hex(), c.co_names, c.co_varnames, c.co_freevars,
             [k for k in c.co_consts if not isinstance(k, types.CodeType)]) for c in _codes(code)]
-    return tuple(dict.fromkeys(n for c in _codes(code) for n in c.co_names)), hashlib.sha256(repr(say).encode()).hexdigest()
+    names = tuple(dict.fromkeys(n for c in _codes(code) for n in c.co_names))
+    return names, hashlib.sha256(repr(say).encode()).hexdigest()
 
 
 @functools.lru_cache(maxsize=2000)
-def _attributes(code):
-    """Names that a code object reads in others, as random in np.random."""
+def _attributes(code: types.CodeType) -> tuple[str, ...]:
+    """Attributes that a code object reads, such as random in np.random."""
     return tuple({i.argval: None for c in _codes(code) for i in dis.get_instructions(c)
                   if i.opname in ("LOAD_ATTR", "LOAD_METHOD")})
 
 
-def _used(f):
+def _used(f: types.FunctionType) -> dict[str, Any]:
     """The globals that a function reads."""
     return {n: f.__globals__[n] for n in _written(f.__code__)[0] if n in f.__globals__}
 
 
-def _name(v):
+def _name(v: Any) -> str:
     """Module and name of a function, module or class."""
-    return f"{getattr(v, '__module__', '')}.{getattr(v, '__qualname__', getattr(v, '__name__', ''))}"
+    name = getattr(v, "__qualname__", getattr(v, "__name__", ""))
+    return f"{getattr(v, '__module__', '')}.{name}"
 
 
-def _is_library(v):
-    """Whether numba compiles `v` as it stands."""
-    return hasattr(v, "of_signals") or hasattr(v, "__name__") and _name(v).lstrip(".").split(".")[0] in _LIBRARIES
+def _is_library(v: Any) -> bool:
+    """Whether numba compiles `v` without help."""
+    if hasattr(v, "of_signals"):
+        return True
+    return hasattr(v, "__name__") and _name(v).lstrip(".").split(".")[0] in _LIBRARIES
 
 
-def _content(v, seen, names=(), defaults=True):
+def _is_block(v: Any) -> bool:
+    return hasattr(v, "f") and hasattr(v, "values")
+
+
+def _content(v: Any, seen: dict, names: tuple[str, ...] = (), defaults: bool = True) -> str:
     """Text that changes whenever the compiled meaning of `v` may change."""
     v = getattr(v, "py_func", v)  # a numba function
     name = _name(v)
@@ -89,8 +103,9 @@ def _content(v, seen, names=(), defaults=True):
         if (id(v), key := tuple(sorted(names))) in seen:
             return f"seen {v.__name__}"
         seen[id(v), key] = len(seen)
-        return repr((v.__name__, [(n, _content(getattr(v, n), seen, names)) for n in key if hasattr(v, n)]))
-    if hasattr(v, "f") and hasattr(v, "values"):  # a block used as a helper: its values are constants
+        read = [(n, _content(getattr(v, n), seen, names)) for n in key if hasattr(v, n)]
+        return repr((v.__name__, read))
+    if _is_block(v):  # used as a helper: its values are constants
         return repr((v.values, _content(v.f, seen, (), False)))
     if isinstance(v, np.ndarray):
         return repr((type(v), v.dtype, v.shape, hashlib.sha256(v.tobytes()).hexdigest()))
@@ -101,17 +116,17 @@ def _content(v, seen, names=(), defaults=True):
     return repr(v) if isinstance(v, _PLAIN) else f"{name} {_PROCESS} {id(v)}"
 
 
-def fingerprint(f):
-    """Hash of what `f` and all that it calls and reads say.
+def fingerprint(f: Callable) -> str:
+    """Return a hash of the content of `f` and of all that it calls and reads.
 
-    The defaults of `f` itself are run-time parameters and left out; those of its helpers are
+    The defaults of `f` itself are run-time parameters and are left out; those of its helpers are
     constants.
     """
     return hashlib.sha256(_content(f, {}, defaults=False).encode()).hexdigest()
 
 
-def draws(v, names=(), seen=None):
-    """Return the name of a source of random numbers that a function or what it calls uses, or None."""
+def draws(v: Any, names: tuple[str, ...] = (), seen: set | None = None) -> str | None:
+    """Return the name of a random source that a function or one of its helpers uses, or None."""
     v = getattr(v, "f", v) if hasattr(v, "values") else getattr(v, "py_func", v)
     module = isinstance(v, types.ModuleType)
     where = v.__name__ if module else type(getattr(v, "__self__", v)).__module__
@@ -132,13 +147,13 @@ def draws(v, names=(), seen=None):
         inner = [getattr(v, n) for n in names if hasattr(v, n)]
     elif isinstance(v, (tuple, list)):
         inner = v
-    elif hasattr(v, "__wrapped__"):  # what numba made of a function: a cfunc, a ufunc
+    elif hasattr(v, "__wrapped__"):  # made by numba: a cfunc, a ufunc
         inner = [v.__wrapped__]
     return next((found for k in inner if (found := draws(k, names, seen))), None)
 
 
-def compiled(f, defaults=None):
-    """The numba version of a plain function; the plain helpers and blocks that it calls are compiled with it."""
+def compiled(f: types.FunctionType, defaults: tuple | None = None) -> Any:
+    """Return the numba version of a plain function and of the helpers and blocks it calls."""
     from numba import njit
 
     defaults = defaults or f.__defaults__
@@ -147,30 +162,31 @@ def compiled(f, defaults=None):
         shadows = {}
 
         def inner(v):
-            if hasattr(v, "f") and hasattr(v, "values"):
+            if _is_block(v):
                 return compiled(v.f, v.p)
-            v = getattr(v, "py_func", v)  # a numba function: what it calls and reads may have changed since it was compiled
+            v = getattr(v, "py_func", v)  # anew: the helpers of a numba function may have changed
             if _is_library(v):
                 return v
-            if isinstance(v, types.ModuleType):  # helpers.f: the module again, with what may be read compiled
+            if isinstance(v, types.ModuleType):  # helpers.f: a copy of the module, f compiled
                 if id(v) not in shadows:
-                    shadows[id(v)] = types.ModuleType(v.__name__)
-                    vars(shadows[id(v)]).update({n: inner(getattr(v, n)) for n in reads if hasattr(v, n)})
+                    shadows[id(v)] = copy = types.ModuleType(v.__name__)
+                    vars(copy).update({n: inner(getattr(v, n)) for n in reads if hasattr(v, n)})
                 return shadows[id(v)]
             if isinstance(v, tuple):
                 made = map(inner, v)
                 return type(v)(*made) if hasattr(v, "_fields") else tuple(made)
             if isinstance(v, np.ndarray) and not isinstance(v, np.ma.MaskedArray):
-                return np.array(v, order="C")  # what numba does not copy into its code may change
+                return np.array(v, order="C")  # numba does not copy all arrays; this one may change
             return compiled(v) if isinstance(v, types.FunctionType) else v
 
         reads = {n for c in _codes(f.__code__) for n in c.co_names}
-        names = {"__name__": __name__}
+        names: dict[str, Any] = {"__name__": __name__}
         cells = tuple(types.CellType() for _ in f.__closure__ or ())
-        g = types.FunctionType(f.__code__, names, f.__name__, defaults and inner(defaults), cells or None)
-        _compiled[key] = njit(nogil=True, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)(g)
-        try:
-            names.update({n: inner(v) for n, v in _used(f).items()})  # only now: a helper may call itself
+        own: Any = defaults and inner(defaults)
+        g = types.FunctionType(f.__code__, names, f.__name__, own, cells or None)
+        _compiled[key] = njit(**_INNER)(g)
+        try:  # only now: a helper may call itself
+            names.update({n: inner(v) for n, v in _used(f).items()})
             for new, old in zip(cells, f.__closure__ or (), strict=True):
                 new.cell_contents = inner(old.cell_contents)
         except BaseException:
@@ -179,21 +195,21 @@ def compiled(f, defaults=None):
     return remembered(_compiled, key, _FUNCTIONS)
 
 
-def remembered(store, key, most):
-    """Return an entry of a dictionary that keeps the `most` entries used last."""
+def remembered(store: dict, key: Any, most: int) -> Any:
+    """Return an entry of a dictionary that keeps at most `most` entries, those used last."""
     store[key] = value = store.pop(key)
     while len(store) > most:
         del store[next(iter(store))]
     return value
 
 
-def cache_folder():
+def cache_folder() -> pathlib.Path:
     """Return the folder of compiled loops: the user's own, readable by nobody else.
 
     It lies in the user's cache directory, or in the directory that ``SMCAERO_CACHE_DIR`` names,
-    which itself stays as it is. Compiled code is code: a folder that is a link, or that somebody
-    else owns or may write to, is refused with `PermissionError`; `OSError` says that there is no
-    place for one.
+    which itself is not changed. Compiled code is executed: a folder that is a link, or that
+    somebody else owns or may write to, is refused with `PermissionError`. `OSError` means that the
+    folder cannot be made.
     """
     try:
         own = os.environ.get("SMCAERO_CACHE_DIR")
@@ -201,30 +217,31 @@ def cache_folder():
     except RuntimeError as why:  # no home directory
         raise FileNotFoundError(str(why)) from why
     if not own and not parent.is_absolute():
-        raise FileNotFoundError("there is no home directory; SMCAERO_CACHE_DIR names another place")
+        raise FileNotFoundError("no home directory was found; set SMCAERO_CACHE_DIR to a folder")
     folder = parent/f"loops-{_FORMAT}"
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     if hasattr(os, "getuid"):
         s = folder.lstat()
         if not stat.S_ISDIR(s.st_mode) or s.st_uid != os.getuid() or s.st_mode & 0o022:
-            raise PermissionError(f"{folder} is a link, belongs to another user, or others may write to it")
+            raise PermissionError(
+                f"{folder} is a link, belongs to another user, or others may write to it")
         if s.st_mode & 0o077:
             folder.chmod(0o700)
     return folder
 
 
-def _sealed(name, data):
-    """`data` behind a checksum of it and of the name of its file: damage, and another loop's file, are told."""
+def _sealed(name: str, data: bytes) -> bytes:
+    """`data` behind a checksum of it and its file name, which reveals damage and mistaken files."""
     return hashlib.sha256(name.encode() + data).digest() + data
 
 
-def _opened(path, flags):
-    """Open a file that is not a link, and do not wait for what is not a file."""
+def _opened(path: str, flags: int) -> int:
+    """Open a file, but do not follow a link, nor wait for a pipe."""
     return os.open(path, flags | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0))
 
 
-def _unsealed(path):
-    """Return what `_sealed` was given, from a file that nobody else can have written."""
+def _unsealed(path: pathlib.Path) -> bytes:
+    """Undo `_sealed`, for a file that nobody else can have written."""
     with open(path, "rb", opener=_opened) as f:
         s = os.fstat(f.fileno())
         foreign = hasattr(os, "getuid") and (s.st_uid != os.getuid() or s.st_mode & 0o022)
@@ -237,38 +254,38 @@ def _unsealed(path):
     return data
 
 
-def _swept(folder):
-    """Remove the oldest loops above the number kept, and what processes that ended left half written."""
+def _swept(folder: pathlib.Path) -> None:
+    """Remove the oldest loops beyond the number kept, and unfinished files of ended processes."""
     def age(path):
         return path.stat().st_mtime
 
-    with contextlib.suppress(OSError):  # another process sweeps, too
+    with contextlib.suppress(OSError):  # another process sweeps too
         left = [q for q in folder.glob("*.part") if age(q) < time.time() - _STALE]
         for q in [*left, *sorted(folder.glob("*.loop"), key=age)[:-_FILES]]:
             q.unlink()
 
 
-def _once(message):
-    """Warn, but say each thing once a session."""
+def _once(message: str) -> None:
+    """Warn, once a session for each message."""
     if message not in _said:
         _said.add(message)
         warnings.warn(message, RuntimeWarning, stacklevel=4)
 
 
 class _Disk:
-    """The part of numba's cache protocol that a dispatcher uses, with one file for each content and signature."""
+    """The part of numba's cache protocol that a dispatcher uses; a file per key and signature."""
 
-    def __init__(self, key):
+    def __init__(self, key: str):
         self.key = key
 
-    def path(self, sig, codegen):
+    def path(self, sig: Any, codegen: Any) -> pathlib.Path:
         import numba
 
-        say = repr((_ENGINE, self.key, str(sig), codegen.magic_tuple(), numba.__version__, np.__version__,
-                    sys.implementation.cache_tag))
+        say = repr((_ENGINE, self.key, str(sig), codegen.magic_tuple(), numba.__version__,
+                    np.__version__, sys.implementation.cache_tag))
         return cache_folder() / (hashlib.sha256(say.encode()).hexdigest() + ".loop")
 
-    def load_overload(self, sig, target):
+    def load_overload(self, sig: Any, target: Any) -> Any:
         from numba.core.compiler import CompileResult
 
         try:
@@ -278,14 +295,17 @@ class _Disk:
         except FileNotFoundError:
             return None
         except Exception as why:  # a damaged file, or numba has changed: compile
-            _once(f"smcaero_nb: compiled code not read from disk ({type(why).__name__}: {why}); compiling again")
+            _once(f"smcaero_nb: compiled code not read from disk ({type(why).__name__}: {why}); "
+                  "compiling again")
+            return None
 
-    def save_overload(self, sig, result):
+    def save_overload(self, sig: Any, result: Any) -> None:
         from numba.core.serialize import dumps
 
-        if result.lifted or result.library.has_dynamic_globals:  # it would hold addresses of this process
-            _once("smcaero_nb: a block refers to an array above 1 MB, or to code outside Python; loops with it are "
-                  "compiled anew in every process")
+        # the file would hold addresses of this process
+        if result.lifted or result.library.has_dynamic_globals:
+            _once("smcaero_nb: a block refers to an array above 1 MB, or to code outside Python; "
+                  "loops with it are compiled anew in every process")
             return
         try:
             path = self.path(sig, result.codegen)
@@ -299,24 +319,31 @@ class _Disk:
                 raise
             _swept(path.parent)
         except Exception as why:
-            _once(f"smcaero_nb: compiled code not kept on disk ({type(why).__name__}: {why}); it will be compiled anew next time")
+            _once(f"smcaero_nb: compiled code not kept on disk ({type(why).__name__}: {why}); "
+                  "it will be compiled anew next time")
 
 
-def kept(dispatcher, key):
-    """Let a numba function keep its compiled code on disk under `key`; where numba's internals have changed, do without."""
+def kept(dispatcher: Any, key: str) -> Any:
+    """Return a numba function, made to keep its compiled code on disk under `key`.
+
+    Where numba's internals have changed, it is not kept.
+    """
     try:
         from numba.core.compiler import CompileResult
         from numba.core.serialize import dumps
 
-        known = dumps and hasattr(dispatcher, "_cache") and all(hasattr(CompileResult, n) for n in ("_reduce", "_rebuild"))
+        result = all(hasattr(CompileResult, n) for n in ("_reduce", "_rebuild"))
+        known = dumps and hasattr(dispatcher, "_cache") and result
     except ImportError:
         known = False
     if not known:
-        _once("smcaero_nb: this version of numba keeps compiled code in another way; it is compiled anew in every process")
+        _once("smcaero_nb: this version of numba keeps compiled code in another way; "
+              "it is compiled anew in every process")
         return dispatcher
     try:
         cache_folder()
         dispatcher._cache = _Disk(key)
     except OSError as why:
-        _once(f"smcaero_nb: no folder for compiled code ({why}); it is compiled anew in every process")
+        _once(f"smcaero_nb: no folder for compiled code ({why}); "
+              "it is compiled anew in every process")
     return dispatcher

@@ -1,4 +1,4 @@
-"""What a block returned or raised, judged, and errors in words."""
+"""Checks of what a block returns, and its errors in words."""
 
 import linecache
 import math
@@ -34,7 +34,7 @@ def check(where: str, got: Any, states: tuple[str, ...], stage: str) -> None:
 
 
 def _float(value: Any) -> bool:
-    """Whether a number is one that numba and float64 take as well."""
+    """Whether numba and float64, too, take a value as a number."""
     if type(value) is float:
         return True
     fits = not isinstance(value, int) or math.isfinite(number(value))
@@ -42,7 +42,7 @@ def _float(value: Any) -> bool:
 
 
 def kind(value: Any) -> str:
-    """Shape of a signal, in words."""
+    """Describe the shape of a signal in words."""
     if not isinstance(value, tuple):
         return "a number"
     if any(isinstance(v, tuple) for v in value):
@@ -51,7 +51,7 @@ def kind(value: Any) -> str:
 
 
 def way_out(why: Exception, given: dict[str, Any]) -> str:
-    """What to do about an error that comes from the shape of a signal."""
+    """Return advice on an error that comes from the shape of a signal, or an empty text."""
     words, tuples = str(why), [n for n, v in given.items() if isinstance(v, tuple)]
     numbers = [n for n in given if n not in tuples]
     if re.search("subscript|iterable", words) and numbers:
@@ -63,12 +63,12 @@ def way_out(why: Exception, given: dict[str, Any]) -> str:
     if re.search("tuple|sequence", words) and tuples:
         n = tuples[0]
         return (f". {n}[0] is the first component of {n}; a stage before this one (output, "
-                "surface) may make one number of all")
+                "surface) may combine them into one number")
     return ""
 
 
 def place(why: BaseException) -> str:
-    """Line of the block in which an exception arose, in words."""
+    """Return the line of the block that raised an exception, in words."""
     at = why.__traceback__
     while at and at.tb_next:
         at = at.tb_next

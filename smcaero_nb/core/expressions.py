@@ -1,4 +1,4 @@
-"""Expressions of the program: text over the leaves of signals."""
+"""Expressions of the program: text in terms of the leaves of signals."""
 
 import math
 from typing import Any
@@ -37,7 +37,7 @@ def zero(y: Any) -> str:
 
 
 def limits(name: str, s: Any, meta: Any) -> list[str]:
-    """Return the text of the limits that the metadata of a signal declare."""
+    """Return the text of the limits declared in the metadata of a signal."""
     if isinstance(meta, tuple) and s is not None:
         return [q for i, (v, m) in enumerate(zip(s, meta, strict=False))
                 for q in limits(local(name, f"[{i}]"), v, m)]

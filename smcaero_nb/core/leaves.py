@@ -1,12 +1,13 @@
-"""Leaves: what each number of a signal is."""
+"""Leaves: the numbers of a signal, described."""
 
 from dataclasses import dataclass
 from typing import Any
 
 from .param import Param
 from .signal import leaves
+from .stages import SIGNALS
 
-__all__ = ["Leaf", "at", "found", "heads"]
+__all__ = ["Leaf", "at", "found", "heads", "named"]
 
 
 @dataclass(frozen=True)
@@ -16,14 +17,14 @@ class Leaf:
     Attributes
     ----------
     key : str
-        Its name, as in tables and files: ``"e"``, ``"e'"``, ``"u[1]"``, ``"y.theta"``.
+        Its name in tables and files: ``"e"``, ``"e'"``, ``"u[1]"``, ``"y.theta"``.
     signal : str
     path : tuple of int
-        Where it is in the signal.
+        Its place in the signal.
     channel : int
     derivative : int or None
-        0 of the quantity itself, 1 of its rate; None where no item of the signal is a derivative of
-        another one.
+        0 for the quantity itself, 1 for its rate; None where no item of the signal is a derivative
+        of another one.
     meta : Param
     """
 
@@ -56,8 +57,8 @@ def found(signal: str, shape: Any, metas: Any, many: bool,
           names: tuple[str, ...] = ()) -> tuple[Leaf, ...]:
     """Return the leaves of a signal.
 
-    Nested items are channels, and the items of a channel are derivatives. In a flat signal they are
-    derivatives of one another, or, where `many`, channels; with `names`, channels of these names.
+    Nested items are channels, and the items of a channel are derivatives. The items of a flat
+    signal are derivatives of one another, or channels if `many`; with `names`, named channels.
     """
     nested = shape is not None and any(v is not None for v in shape)
     made = []
@@ -66,13 +67,31 @@ def found(signal: str, shape: Any, metas: Any, many: bool,
         channel = path[0] if path and (nested or many) else 0
         inner = path[1:] if nested or many else path
         derivative = None if not nested and many else (inner[-1] if inner else 0)
-        several = path and (nested or many) and len(shape) > 1
+        several = shape is not None and (nested or many) and len(shape) > 1
         mark = f"[{channel}]" if several else ""
         key = f"{signal}.{names[channel]}" if names else f"{signal}{mark}" + "'"*(derivative or 0)
         made.append(Leaf(key, signal, path, channel, derivative, _meta(metas, path)))
     return tuple(made)
 
 
+def named(loop: Any, shapes: dict[str, Any]) -> dict[str, tuple[Leaf, ...]]:
+    """Return the leaves of all signals of a loop, by signal."""
+    plant, output = loop.stages["plant"], loop.stages["output"]
+    nested = shapes["e"] is not None and any(v is not None for v in shapes["e"])
+    channels = nested or loop.stages["law"] is not None and shapes["v"] is not None
+    names = () if output or len(plant.states) == 1 else tuple(plant.states)
+    made = {}
+    for s in (*SIGNALS[1:], "e_m", "probe"):
+        if s not in shapes:
+            continue
+        outward = s in ("r", "y", "y_m", "e", "e_m")
+        states = names if outward and shapes[s] == shapes["x"] else ()
+        metas = loop.metadata(s) if output or not outward else tuple(plant.states.values())
+        many = bool(states) or s in ("v", "u", "d", "probe") or s == "sigma" and channels
+        made[s] = found(s, shapes[s], metas, many, states)
+    return made
+
+
 def heads(leaves_: tuple[Leaf, ...], values: Any) -> list:
-    """Return the values of a signal without those of derivatives, one for each channel."""
+    """Return the values of a signal without its derivatives, one per channel."""
     return [at(values, q.path) for q in leaves_ if not q.derivative]

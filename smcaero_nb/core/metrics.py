@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -9,12 +10,17 @@ from .leaves import heads
 from .param import Param, given
 from .signal import flat
 
+if TYPE_CHECKING:
+    from .run import Run
+
 __all__ = ["Metrics", "metrics", "reaching_time"]
 
 
 @dataclass(frozen=True)
 class Metrics:
-    r"""Figures of merit of a run; made by `Run.metrics`. With several channels each is a tuple, one value a channel.
+    r"""Figures of merit of a run; with several channels, tuples of one value per channel.
+
+    `Run.metrics` makes them.
 
     Attributes
     ----------
@@ -23,10 +29,9 @@ class Metrics:
     J_u : float
         Mean absolute control, (1/T) int \|u\| dt: paper eq (74).
     max_u : float
-        Greatest \|u\|.
+        Maximum \|u\|.
     tail_e, tail_sigma : float
-        Greatest \|e\|, \|sigma\| in the tail of the run (its last fifth, unless `simulate` was told
-        otherwise).
+        Maximum \|e\|, \|sigma\| in the tail of the run, by default its last fifth.
     reaching_time : float
         Time after which \|sigma\| stays below twice its tail value [s].
     variation_u : float
@@ -47,39 +52,45 @@ class Metrics:
     turns_u: float
     diverged_at: float | None
 
-    def rows(self):
-        """(name, value, unit) of each figure, formatted; no row for a divergence that did not happen."""
+    def rows(self) -> list[tuple[str, str, str]]:
+        """Return (name, value, unit) of each figure that has a value, formatted."""
         units = {"reaching_time": "s", "variation_u": "1/s", "turns_u": "1/s", "diverged_at": "s"}
-        return [(f.name, ", ".join(f"{q:.4g}" for q in (v if isinstance(v, tuple) else (v,))), units.get(f.name, ""))
-                for f in fields(self) if (v := getattr(self, f.name)) is not None]
+        rows = []
+        for name, v in ((f.name, getattr(self, f.name)) for f in fields(self)):
+            if v is not None:
+                values = v if isinstance(v, tuple) else (v,)
+                rows.append((name, ", ".join(f"{q:.4g}" for q in values), units.get(name, "")))
+        return rows
 
-    def __str__(self):
+    def __str__(self) -> str:
         return "   ".join(f"{n} = {v} {unit}".rstrip() for n, v, unit in self.rows())
 
-    def _repr_html_(self):
-        head, body = zip(*((f"{n} [{unit}]" if unit else n, v) for n, v, unit in self.rows()), strict=True)
-        return "<table><tr><th>" + "</th><th>".join(head) + "</th></tr><tr><td>" + "</td><td>".join(body) + "</td></tr></table>"
+    def _repr_html_(self) -> str:
+        rows = self.rows()
+        head = "".join(f"<th>{n} [{unit}]</th>" if unit else f"<th>{n}</th>" for n, _, unit in rows)
+        body = "".join(f"<td>{v}</td>" for _, v, _ in rows)
+        return f"<table><tr>{head}</tr><tr>{body}</tr></table>"
 
 
-def reaching_time(run, band=None):
+def reaching_time(run: "Run", band: float | None = None) -> list[float]:
     r"""Time after which \|sigma\| stays within `band`, channel by channel.
 
     Parameters
     ----------
     run : Run
     band : float, optional
-        In the unit of sigma; default: twice the greatest \|sigma\| of the tail.
+        In the unit of sigma; default: twice the maximum \|sigma\| of the tail.
 
     Returns
     -------
     list of float
-        [s], resolved to one recorded row; infinite if \|sigma\| is outside at the end, or the run
-        diverged; NaN without a band where the run ended before its tail.
+        [s], to within one recorded row; infinite if \|sigma\| is outside at the end or the run
+        diverged; NaN if no band is given and the run ended before its tail.
 
     Raises
     ------
     ParameterError
-        Something else than a run, or a band that is negative or not finite.
+        Something other than a run, or a band that is negative or not finite.
     """
     from .run import Run  # which imports this module
 
@@ -87,9 +98,11 @@ def reaching_time(run, band=None):
     if band is not None:
         band = Param(low=0.0, unit="[sigma]").check("reaching_time", "band", band)
     times, leaves = [], run.leaves("sigma")
+    lows, highs = heads(leaves, run.low.sigma), heads(leaves, run.high.sigma)
     tails = run.tail_sigma if isinstance(run.tail_sigma, tuple) else (run.tail_sigma,)
-    for low, high, tail in zip(heads(leaves, run.low.sigma), heads(leaves, run.high.sigma), tails, strict=True):
-        outside = np.flatnonzero(np.maximum(np.abs(low), np.abs(high)) > (2*tail if band is None else band))
+    for low, high, tail in zip(lows, highs, tails, strict=True):
+        size = np.maximum(np.abs(low), np.abs(high))
+        outside = np.flatnonzero(size > (2*tail if band is None else band))
         last = outside[-1] if len(outside) else -1
         never = run.diverged_at is not None or last == len(run.t) - 1
         unknown = band is None and tail != tail and not never
@@ -97,15 +110,17 @@ def reaching_time(run, band=None):
     return times
 
 
-def _one(values):
-    """A figure, or a tuple of them, one a channel."""
+def _one(values: list) -> Any:
+    """A figure, or a tuple of them, one per channel."""
     return values[0] if len(values) == 1 else tuple(values)
 
 
-def metrics(run):
-    """Figures of merit of the run, as `Metrics`."""
+def metrics(run: "Run") -> Metrics:
+    """Return the figures of merit of a run."""
     tail = run.tail or math.nan
-    return Metrics(J_e=_one(heads(run.leaves("e"), run.mean_e)), J_u=_one(flat(run.mean_u)), max_u=_one(flat(run.max_u)),
-                   tail_e=run.tail_e, tail_sigma=run.tail_sigma, reaching_time=_one(reaching_time(run)),
-                   variation_u=_one([v/tail for v in flat(run.tail_variation_u)]),
-                   turns_u=_one([v/tail for v in flat(run.tail_turns_u)]), diverged_at=run.diverged_at)
+    return Metrics(
+        J_e=_one(heads(run.leaves("e"), run.mean_e)), J_u=_one(flat(run.mean_u)),
+        max_u=_one(flat(run.max_u)), tail_e=run.tail_e, tail_sigma=run.tail_sigma,
+        reaching_time=_one(reaching_time(run)),
+        variation_u=_one([v/tail for v in flat(run.tail_variation_u)]),
+        turns_u=_one([v/tail for v in flat(run.tail_turns_u)]), diverged_at=run.diverged_at)

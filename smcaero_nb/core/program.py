@@ -1,7 +1,7 @@
-"""A closed loop as data: every leaf of every signal a local variable, its lines by segment.
+"""A closed loop as data: its lines by segment, with a local variable for each leaf of each signal.
 
-`serial` and `step` lay the same lines out: as one function that runs a loop from step to step, and
-as one that does a single step.
+`serial` and `step` arrange the same lines in two ways: as a function that runs a loop from step to
+step, and as one that takes a single step.
 """
 
 import ast
@@ -15,10 +15,10 @@ from .block import Block
 from .checks import check
 from .leaves import Leaf
 
-__all__ = ["METHODS", "Line", "Meter", "Program", "parts", "serial", "step"]
+__all__ = ["METHODS", "Line", "Meter", "Program", "parts", "paths", "serial", "step"]
 
 LIMIT = 1e12  # sum of |x|, or of |u|, beyond which any run has diverged
-#: (node, weight) of each evaluation
+#: (node, weight) of each evaluation of the plant
 METHODS = dict(euler=[(0.0, 1.0)], midpoint=[(0.0, 0.0), (0.5, 1.0)],
                rk4=[(0.0, 1/6), (0.5, 1/3), (0.5, 1/3), (1.0, 1/6)])
 
@@ -33,7 +33,7 @@ class Line(NamedTuple):
 
 @functools.lru_cache(maxsize=20_000)
 def line(source: str) -> Line:
-    """Return a line with what it reads and writes."""
+    """Return a line with the variables that it reads and writes."""
     tree = ast.parse(source).body[0]
     names = [n for n in ast.walk(tree) if isinstance(n, ast.Name)]
     writes = frozenset(n.id for n in names if isinstance(n.ctx, ast.Store))
@@ -47,19 +47,19 @@ class Meter(NamedTuple):
     Attributes
     ----------
     name : str
-        Its variables are called name_leaf.
+        Prefix of its variables, name_leaf.
     of : tuple of str
         Signals.
     when : str
-        ``"sample"``, before the control acts; ``"watch"``, after it; ``"step"``, at every step;
-        ``"act"``, when u changes.
+        ``"sample"``, before the control acts; ``"watch"``, after it; ``"step"`` and ``"peak"``, at
+        every step; ``"act"``, when u changes.
     start : float
     update : tuple of str
         Lines, without branches; ``{q}`` stands for the leaf.
     serial : tuple of str
         The same with a branch, where that is faster in a single run.
     tail : bool
-        Whether it starts anew with the tail.
+        Whether it restarts at the tail.
     """
 
     name: str
@@ -103,11 +103,11 @@ class Program:
     Attributes
     ----------
     segments : dict of str to tuple of Line
-        ``command`` (what the world holds between samples), ``measure`` (y, r, e), ``disturb``,
-        ``stop``, ``control`` (the sampled stages), ``act`` (a control that acts late), ``advance``
-        (one step of the plant), ``probe``, in the order in which they act.
+        ``command`` (reference and perturbation held between samples), ``measure`` (y, r, e),
+        ``disturb``, ``stop``, ``control`` (the sampled stages), ``act`` (a control that acts late),
+        ``advance`` (one step of the plant), ``probe``, in the order in which they act.
     functions : dict of str to (function, str)
-        {name in the lines: (the plain function of a block, what it is)}.
+        {name in the lines: (the plain function of a block, its description)}.
     places : dict of str to (str, int)
         {name in the lines: (stage, number of the block in it)}.
     params : dict of str to str
@@ -121,19 +121,19 @@ class Program:
     meters : tuple of (Meter, str)
         Each with the variable that it watches.
     state : dict of str to float
-        {variable that lives from step to step: its start}.
+        {variable kept from step to step: its initial value}.
     columns : tuple of str
         Variables of a recorded row.
     inside, driven : str
         Conditions under which a step, and a sample, are within all limits.
     rings : tuple of float
-        Start of the ring buffers.
+        Initial values of the ring buffers.
     lag : int
         Steps until a control acts.
     kinds : dict of str to type
         Of the parameters, by variable.
     trial : tuple of str
-        What was tried, in its order.
+        The lines tried, in order.
     values : dict
         The variables at the end of the trial.
     """
@@ -159,13 +159,13 @@ class Program:
     values: dict[str, Any]
 
     def updates(self, when: str, serial: bool = False) -> list[str]:
-        """Return the lines of the meters at a moment, with branches where `serial`."""
+        """Return the lines of the meters at a moment, with branches if `serial`."""
         return [u.format(q=q) for m, q in self.meters if m.when == when
                 for u in (serial and m.serial or m.update)]
 
     @functools.cached_property
     def source(self) -> str:
-        """The loop as one function: what runs, plain or compiled."""
+        """The loop as one function, to be run plain or compiled."""
         return serial(self)
 
     @functools.cached_property
@@ -173,7 +173,7 @@ class Program:
         return compile("\n".join(self.trial), "<trial>", "exec")
 
     def stands(self, loop: Any, tau: float, m: int) -> bool:
-        """Return whether the trial goes well for a loop of the same blocks with other values."""
+        """Return whether the trial succeeds for a loop of the same blocks with other values."""
         functions = {n: parts(loop.stages[s])[i].f for n, (s, i) in self.places.items()}
         values = dict(zip(self.params, (v for p in loop.p.values() for v in p), strict=True))
         x, z = loop.start()
@@ -190,6 +190,13 @@ def parts(b: Any) -> list[Block]:
     if hasattr(b, "parts"):
         return [q for p in b.parts.values() for q in parts(p)]
     return [b] if b else []
+
+
+def paths(stage: str, b: Any) -> list[tuple[str, Block]]:
+    """Return (path, block) of the blocks of a stage: ``law__attitude``."""
+    if hasattr(b, "parts"):
+        return [q for n, p in b.parts.items() for q in paths(f"{stage}__{n}", p)]
+    return [(stage, b)] if b else []
 
 
 # ---- layouts -------------------------------------------------------------------------------------
@@ -234,7 +241,7 @@ CAST = {bool: "{} != 0.0", int: "int({})", float: "{}"}
 
 
 def serial(p: Program) -> str:
-    """Return a program as one function that goes from step to step, from `k` to `stop`."""
+    """Return a program as one function that runs from step `k` to step `stop`."""
     watched = dict.fromkeys(q for meter, q in p.meters if meter.name in ("low", "high"))
     filled = _segments(p, True) | {
         "load": _loaded(p) + [f"{q} = S[{i}]" for i, q in enumerate(p.state)],
@@ -254,7 +261,7 @@ def _loaded(p: Program) -> list[str]:
 
 
 def _segments(p: Program, branches: bool) -> dict[str, list[str]]:
-    """The segments and meters that both layouts have."""
+    """The segments and meters common to both layouts."""
     def at(condition, lines):
         return [f"if {condition}:", *("    " + q for q in lines)] if lines else []
 
@@ -293,7 +300,7 @@ def step(k, state, P, R, dt, tau, m):
 
 
 def step(p: Program) -> str:
-    """Return a program as one function that does one step: (k, state, parameters) -> next state.
+    """Return a program as one function that takes one step: (k, state, parameters) -> next state.
 
     `state` is a tuple in the order of ``Program.state``. Limits, stop and records are left out.
     """

@@ -1,4 +1,4 @@
-"""What a simulation gives."""
+"""The result of a simulation."""
 
 import csv
 import io
@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal, TextIO
 import numpy as np
 
 from .assumptions import doubts, perturbation
+from .expressions import local
 from .leaves import Leaf, at, heads
 from .metrics import Metrics, metrics
 from .program import Program
@@ -25,7 +26,7 @@ __all__ = ["Run", "result"]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Run:
-    r"""What a simulation gives; arrays with one value a recorded row, nested as the signals are.
+    r"""Result of a simulation: arrays with one value per recorded row, nested as the signals are.
 
     Attributes
     ----------
@@ -34,33 +35,32 @@ class Run:
         Times of the rows [s].
     r, y, y_m, e, e_hat, sigma, v, u, d : ndarray or nested tuple of ndarray
         Signals of the pipeline; the sampled ones as held at that time. At a sample, y and e are as
-        measured: an output that asks for u saw the u of the sample before, not the one that the row
-        gives, which acts from then on. `e` is r - y; `y_m` is what the control sees as y, `u` the
+        measured: an output that asks for u saw the u of the previous sample, not the one in the
+        row, which acts from then on. `e` is r - y; `y_m` is what the control sees as y, `u` the
         control that acts.
     x, z : namespace
-        Named states: ``run.x.theta``, ``run.z.law.lam``, ``run.z.law.attitude.rho``; `z` as the
-        latest sample left it.
+        Named states: ``run.x.theta``, ``run.z.law.lam``, ``run.z.law.attitude.rho``; `z` as left
+        by the latest sample.
     probe : namespace
-        What the loop's `probe` gives, by name.
+        Output of the loop's `probe`, by name.
     low, high : namespace
-        Least and greatest value of `sigma` and `u` since the row before: what chattering reaches
+        Minimum and maximum of `sigma` and `u` since the previous row: how far chattering goes
         between rows.
     xi : ndarray, nested tuple of ndarray, or None
-        The perturbation as the law meets it, sigma^(r) + v, averaged since the row before: all that
-        the law does not know. Nested as `v`; None where there is no law, or its v does not belong
-        to sigma.
+        The perturbation that the law faces, sigma^(r) + v, averaged since the previous row: all
+        that the law does not know. Nested as `v`; None where there is no law, or where its v does
+        not match sigma.
     integral_v : ndarray, nested tuple of ndarray, or None
         Running integral of `v` up to the latest sample.
     mean_e, mean_v, mean_u : float or nested tuple
         Means of \|e\|, \|v\|, \|u\| over all steps; mean_v is None where there is no law.
     max_e, max_sigma, max_u : float or nested tuple
-        Greatest absolute values over all steps.
+        Maximum absolute values over all steps.
     tail_e, tail_sigma, tail_u : float or tuple
-        Greatest absolute values over the tail (the last fifth unless told; NaN if the run ended
-        before it), without those of derivatives: a number, or one for each channel, as in
-        `metrics`.
+        Maximum absolute values over the tail (by default the last fifth; NaN if the run ended
+        before it), derivatives left out: a number, or one per channel, as in `metrics`.
     tail_peaks : namespace
-        The same of all leaves of `e`, `sigma` and `u`, nested as the signals are.
+        The same for all leaves of `e`, `sigma` and `u`, nested as the signals are.
     variation_u, tail_variation_u : float or nested tuple
         Total variation of `u`, from rest, over the run; and in the tail.
     tail_turns_u : float or nested tuple
@@ -70,13 +70,13 @@ class Run:
     ended : str
         ``"done"``, ``"stopped"`` or ``"diverged"``.
     stopped_at : float or None
-        Time at which the loop's `stop` ended the run before its duration was over [s]; the tail is
-        still that of the duration.
+        Time at which the loop's `stop` ended the run before its full duration [s]; the tail is
+        still that of the full duration.
     diverged_at : float or None
-        Time at which a state or signal was not finite, or a state or output left the limits that
-        its metadata declare [s].
+        Time at which a state or signal was not finite, or a state or output left the limits
+        declared in its metadata [s].
     steps : int
-        Steps done.
+        Number of steps taken.
     tau : float
         Sampling step [s].
     """
@@ -121,7 +121,7 @@ class Run:
     _leaves: dict[str, tuple[Leaf, ...]]
 
     def leaves(self, signal: str) -> tuple[Leaf, ...]:
-        """Return what each number of a signal is: ``run.leaves("e")``.
+        """Describe each number of a signal: ``run.leaves("e")``.
 
         Raises
         ------
@@ -135,11 +135,11 @@ class Run:
         return metrics(self)
 
     def doubts(self) -> list[str]:
-        """Return the assumptions of the law's theorem that this run violates, in words; see `doubts`."""
+        """Return the assumptions of the law's theorem that this run violates; see `doubts`."""
         return doubts(self)
 
     def to_csv(self, path: "str | os.PathLike | TextIO | None" = None) -> str | None:
-        """Write the recorded signals and states as text, one row a line, names and units above.
+        """Write the recorded signals and states as text: names and units, then one line per row.
 
         Parameters
         ----------
@@ -148,7 +148,7 @@ class Run:
         Returns
         -------
         str or None
-            The text, where no path is given.
+            The text if no path is given.
         """
         columns = {"t [s]": self.t}
         for signal in SIGNALS[1:]:
@@ -171,8 +171,8 @@ class Run:
 
     def __repr__(self) -> str:
         name = self.loop.name or self.loop.stages["plant"].name
-        at = {"done": "", "stopped": f", stopped at {self.stopped_at:g} s" if self.stopped_at is not None else "",
-              "diverged": f", diverged at {self.diverged_at:g} s" if self.diverged_at is not None else ""}[self.ended]
+        end = {"stopped": self.stopped_at, "diverged": self.diverged_at}.get(self.ended)
+        at = "" if end is None else f", {self.ended} at {end:g} s"
         return f"Run({name}: {self.steps} steps, {len(self.t)} rows{at})"
 
     def _repr_html_(self) -> str:
@@ -185,22 +185,25 @@ def _titled(key: str, meta: Any) -> str:
 
 def _named(states: dict[str, Any], arrays: Any) -> types.SimpleNamespace:
     """States by name, those of channels by channel and name."""
-    return types.SimpleNamespace(**{k: _named(v, arrays) if isinstance(v, dict) else next(arrays) for k, v in states.items()})
+    return types.SimpleNamespace(**{
+        name: _named(v, arrays) if isinstance(v, dict) else next(arrays)
+        for name, v in states.items()})
 
 
 def _nested(program: Program, name: str, values: Callable[[str], Any], prefix: str = "") -> Any:
-    """What `values` gives for the variables of a signal, nested as the signal."""
+    """The result of `values` for each variable of a signal, nested as the signal."""
     def nested(s, path):
         if s is None:
-            return values(prefix + name + path.replace("][", "_").replace("[", "_").replace("]", ""))
+            return values(local(prefix + name, path))
         return tuple(nested(v, f"{path}[{i}]") for i, v in enumerate(s))
 
     return nested(program.shapes[name], "")
 
 
-def result(loop: "ClosedLoop", program: Program, rec: np.ndarray, end: dict[str, float], before: dict[str, float],
-           k: int, k_tail: int, dt: float, m: int, stopped: bool, diverged: bool) -> Run:
-    """Return the `Run` of what the loop left: records, figures at the end, and those before the tail."""
+def result(loop: "ClosedLoop", program: Program, rec: np.ndarray, end: dict[str, float],
+           before: dict[str, float], k: int, k_tail: int, dt: float, m: int, stopped: bool,
+           diverged: bool) -> Run:
+    """Make a `Run` of the records, the figures at the end and the figures before the tail."""
     columns = dict(zip(program.columns, rec.T, strict=True))
     law = loop.stages["law"] is not None
 
@@ -208,10 +211,15 @@ def result(loop: "ClosedLoop", program: Program, rec: np.ndarray, end: dict[str,
         return _nested(program, name, values, prefix)
 
     def both(name):
-        return types.SimpleNamespace(**{n: signal(n, columns.__getitem__, f"{name}_") for n in ("sigma", "u")})
+        return types.SimpleNamespace(
+            **{n: signal(n, columns.__getitem__, f"{name}_") for n in ("sigma", "u")})
+
+    def mean(name, count):
+        return signal(name, lambda q: end[q]/max(count, 1), "sum_")
 
     ended_before = k < k_tail + diverged
-    tails = {n: signal(n, lambda q: math.nan if ended_before else end[q], "max_") for n in ("e", "sigma", "u")}
+    tails = {n: signal(n, lambda q: math.nan if ended_before else end[q], "max_")
+             for n in ("e", "sigma", "u")}
     signals = {n: signal(n, columns.__getitem__) for n in SIGNALS[1:] if n in program.shapes}
     signals.setdefault("y_m", signals["y"])
     integral = signal("v", columns.__getitem__, "integral_") if law else None
@@ -221,27 +229,32 @@ def result(loop: "ClosedLoop", program: Program, rec: np.ndarray, end: dict[str,
     made = dict(
         x=_named(loop.stages["plant"].states, arrays),
         z=types.SimpleNamespace(**{s: _named(loop.stages[s].states, arrays) for s in memory}),
-        probe=_probed(loop, program, columns), low=both("low"), high=both("high"), integral_v=integral,
-        mean_e=signal("e", lambda q: end[q]/max(k, 1), "sum_"), mean_u=signal("u", lambda q: end[q]/max(k, 1), "sum_"),
-        mean_v=signal("v", lambda q: end[q]/max(k//m + 1, 1), "sum_") if law else None,
+        probe=_probed(loop, program, columns), low=both("low"), high=both("high"),
+        integral_v=integral, mean_e=mean("e", k), mean_u=mean("u", k),
+        mean_v=mean("v", k//m + 1) if law else None,
         tail_peaks=types.SimpleNamespace(**tails),
         **{f"tail_{n}": v[0] if len(v) == 1 else tuple(v) for n, v in figures.items()},
         **{f"max_{n}": signal(n, lambda q: max(end[q], before[q]), "max_") for n in tails},
-        **{f"tail_{n}_u": signal("u", lambda q: end[q] - before[q], f"{n}_") for n in ("variation", "turns")},
+        **{f"tail_{n}_u": signal("u", lambda q: end[q] - before[q], f"{n}_")
+           for n in ("variation", "turns")},
         variation_u=signal("u", end.__getitem__, "variation_"))
     t, tau = columns["t"], m*dt
-    xi = perturbation(loop.stages["law"], t, signals["sigma"], signals["v"], integral, tau) if law else None
+    xi = None
+    if law:
+        xi = perturbation(loop.stages["law"], t, signals["sigma"], signals["v"], integral, tau)
     return Run(loop=loop, t=t, tau=tau, steps=k, tail=max(k - k_tail, 0)*dt, xi=xi,
                ended="diverged" if diverged else "stopped" if stopped else "done",
                stopped_at=k*dt if stopped else None, diverged_at=k*dt if diverged else None,
                _leaves=program.leaves, **signals, **made)
 
 
-def _probed(loop: "ClosedLoop", program: Program, columns: dict[str, np.ndarray]) -> types.SimpleNamespace:
-    """What the probe gives, by the name of its block, or of each of its channels."""
+def _probed(loop: "ClosedLoop", program: Program,
+            columns: dict[str, np.ndarray]) -> types.SimpleNamespace:
+    """Output of the probe, by the name of its block, or of each of its channels."""
     b = loop.stages["probe"]
     if b is None:
         return types.SimpleNamespace()
     signal = _nested(program, "probe", columns.__getitem__)
-    names = b.parts if hasattr(b, "parts") else [b.name]
-    return types.SimpleNamespace(**dict(zip(names, signal if hasattr(b, "parts") else [signal], strict=True)))
+    if not hasattr(b, "parts"):
+        return types.SimpleNamespace(**{b.name: signal})
+    return types.SimpleNamespace(**dict(zip(b.parts, signal, strict=True)))

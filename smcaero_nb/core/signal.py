@@ -1,16 +1,18 @@
 """Signals: a signal is a float, or a tuple of signals (channels outside, derivatives inside).
 
-Code for a shape is written out leaf by leaf, once, as text: for the loop (`engine`) and for the helpers below, which
-blocks may use on signals of any shape, compiled or not.
+Code for a shape is written out leaf by leaf, once, as text: for the loop (`writer`) and for the
+helpers below, which blocks may use on signals of any shape, compiled or not.
 """
 
 import math
+from collections.abc import Callable, Iterator
+from typing import Any
 
 try:
     from numba import types
     from numba.extending import overload
 
-    TUPLES = (tuple, types.BaseTuple)
+    TUPLES: Any = (tuple, types.BaseTuple)
 except ImportError:  # simulate(..., jit=False) needs no numba
     TUPLES, overload = (tuple,), None
 
@@ -18,46 +20,50 @@ __all__ = ["filtered", "first", "flat", "leaves", "norm", "scaled", "shape", "si
            "solved", "text"]
 
 
-def sign(s):
-    """Sign of a number; 0 at 0."""
+def sign(s: float) -> float:
+    """Return the sign of a number; 0 at 0."""
     return (s > 0.0)*1.0 - (s < 0.0)*1.0
 
 
-def shape(s):
-    """Nested tuple that tells the shape of a signal (or of its numba type): None for a float."""
+def shape(s: Any) -> Any:
+    """Return the shape of a signal, or of its numba type: None for a float, tuples nested alike."""
     return tuple(map(shape, s)) if isinstance(s, TUPLES) else None
 
 
-def leaves(s, path=""):
-    """Index expressions of the leaves of shape `s`: '[0]', '[1][0]', ..."""
+def leaves(s: Any, path: str = "") -> list[str]:
+    """Return the index expressions of the leaves of shape `s`: '[0]', '[1][0]', ..."""
     return [path] if s is None else [q for i, v in enumerate(s) for q in leaves(v, f"{path}[{i}]")]
 
 
-def text(s, names):
-    """Source text of a signal of shape `s` whose leaves are the next of the iterator `names`."""
+def text(s: Any, names: Iterator[str]) -> str:
+    """Return the source of a signal of shape `s` whose leaves `names` yields."""
     return next(names) if s is None else "(" + "".join(text(v, names) + ", " for v in s) + ")"
 
 
-def flat(s):
-    """The leaves of a signal, as a list."""
+def flat(s: Any) -> list:
+    """Return the leaves of a signal."""
     return [q for v in s for q in flat(v)] if isinstance(s, tuple) else [s]
 
 
-def generated(args, body):
-    """A function of signals, for Python and numba alike; ``body(*shapes)`` is its source text for these shapes."""
+def generated(args: str, body: Callable[..., str]) -> Callable:
+    """Return a function of signals, for Python and numba alike.
+
+    Its source for signals of given shapes is ``body(*shapes)``.
+    """
     made = {}
 
     def code(*a):
         key = tuple(map(shape, a))
         if key not in made:
-            exec(f"def f({args}): {body(*key)}", ns := {"__name__": __name__, "sqrt": math.sqrt, "nan": math.nan})
-            made[key] = ns["f"]
+            names: dict[str, Any] = {"__name__": __name__, "sqrt": math.sqrt, "nan": math.nan}
+            exec(f"def f({args}): {body(*key)}", names)
+            made[key] = names["f"]
         return made[key]
 
     def f(*a):
         return code(*a)(*a)
 
-    f.of_signals = True  # the engine leaves it alone: its text is part of the engine
+    vars(f)["of_signals"] = True  # the engine leaves it alone: its text is part of the engine
     f.__name__ = f.__qualname__ = body.__name__
     if overload:
         overload(f, strict=False)(code)
@@ -68,35 +74,39 @@ def generated(args, body):
 first = generated("s", lambda s: "return s" + leaves(s)[0])
 
 
-def _norm(s):
+def _norm(s: Any) -> str:
     q = leaves(s)
-    return f"return abs(s{q[0]})" if len(q) == 1 else f"return sqrt({' + '.join(f's{i}*s{i}' for i in q)})"
+    if len(q) == 1:
+        return f"return abs(s{q[0]})"
+    return f"return sqrt({' + '.join(f's{i}*s{i}' for i in q)})"
 
 
-def _scaled(s, k, size):
+def _scaled(s: Any, k: Any, size: Any) -> str:
     return "return " + text(s, (f"(k*(s{q}/size) if size > 0.0 else 0.0)" for q in leaves(s)))
 
 
-def _filtered(z, s, share):
+def _filtered(z: Any, s: Any, share: Any) -> str:
     if z != s:
-        raise ValueError(f"the signal has {len(leaves(s))} components, but the block is made for {len(leaves(z))}")
+        raise ValueError(f"the signal has {len(leaves(s))} components, "
+                         f"but the block is made for {len(leaves(z))}")
     return "return " + text(s, (f"z{q} + share*(s{q} - z{q})" for q in leaves(s)))
 
 
-def solution(G, s):
-    """The body of a function that gives G^-1 s, by elimination with row exchanges."""
+def solution(G: Any, s: Any) -> str:
+    """Return the body of a function for G^-1 s, by elimination with row exchanges."""
     m = len(s) if s else 1
     if s not in (None, (None,)*m) or not (G == ((None,)*m,)*m or m == 1 and G is None):
-        raise ValueError(f"G0 must be {m} rows of {m} numbers each, one row a component of v")
+        raise ValueError(f"G0 must be {m} rows of {m} numbers each, one row per component of v")
     lines = [f"a{i}{j} = float(G{f'[{i}][{j}]' if G else ''})" for i in range(m) for j in range(m)]
     lines += [f"b{i} = s{f'[{i}]' if s else ''}" for i in range(m)]
     for k in range(m):
         for i in range(k + 1, m):
-            rows = [[f"a{q}{j}" for j in range(k, m)] + [f"b{q}"] for q in (k, i)]
-            lines += [f"if abs(a{i}{k}) > abs(a{k}{k}):", f"    {', '.join(rows[0] + rows[1])} = {', '.join(rows[1] + rows[0])}"]
+            upper, lower = ([f"a{q}{j}" for j in range(k, m)] + [f"b{q}"] for q in (k, i))
+            lines += [f"if abs(a{i}{k}) > abs(a{k}{k}):",
+                      f"    {', '.join(upper + lower)} = {', '.join(lower + upper)}"]
         for i in range(k + 1, m):
             lines += [f"q = a{i}{k}/a{k}{k} if a{k}{k} != 0.0 else nan"]
-            lines += [f"{x} -= q*{y}" for x, y in [*((f"a{i}{j}", f"a{k}{j}") for j in range(k + 1, m)), (f"b{i}", f"b{k}")]]
+            lines += [f"a{i}{j} -= q*a{k}{j}" for j in range(k + 1, m)] + [f"b{i} -= q*b{k}"]
     for i in reversed(range(m)):
         rest = "".join(f" - a{i}{j}*b{j}" for j in range(i + 1, m))
         lines += [f"b{i} = (b{i}{rest})/a{i}{i} if a{i}{i} != 0.0 else nan"]
@@ -105,7 +115,7 @@ def solution(G, s):
 
 #: Euclidean norm over all leaves.
 norm = generated("s", _norm)
-#: k s/size, leaf by leaf, and 0 where size is 0; divided first, so that a tiny signal cannot overflow.
+#: k s/size, leaf by leaf; 0 where size is 0. It divides first: tiny signals do not overflow.
 scaled = generated("s, k, size", _scaled)
 #: One step of a low-pass filter: z + share (s - z), leaf by leaf.
 filtered = generated("z, s, share", _filtered)

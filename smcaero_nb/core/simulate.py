@@ -1,4 +1,4 @@
-"""Simulation: what is asked for is checked, and the loop driven in chunks of steps."""
+"""Simulation: check the request, then run the loop in chunks of steps."""
 
 import time
 from collections.abc import Callable
@@ -15,12 +15,12 @@ from .run import Run, result
 __all__ = ["simulate", "timed"]
 
 CHUNK = 0.02  # s of machine time between two looks at Ctrl-C, cancel and progress
-ROWS = 100_000_000  # most rows of a run
-MOST = 100_000  # samples that a latency may take
+ROWS = 100_000_000  # maximum number of rows of a run
+MOST = 100_000  # maximum number of samples of a latency
 
 
 def timed(owner: str, loop: Any, duration: Any, dt: Any, tau: Any) -> tuple[Any, float, float]:
-    """Duration or None, dt and tau [s]: those given, else the loop's own."""
+    """Return duration (or None), dt and tau [s]: those given, otherwise the loop's own."""
     given(owner, "loop", loop, ClosedLoop, "a ClosedLoop, such as lv.loop() makes")
     duration, dt, tau = (getattr(loop, n) if v is None else positive(owner, n, v)
                          for n, v in dict(duration=duration, dt=dt, tau=tau).items())
@@ -40,19 +40,19 @@ def simulate(loop: ClosedLoop, duration: float | None = None, dt: float | None =
     loop : ClosedLoop
     duration, dt, tau : float
         Simulated time (to the nearest step), integration step, sampling step (a multiple of `dt`;
-        default `dt`) [s]; what the loop itself says, where not given.
+        default `dt`) [s]; default: the loop's own.
     method : str
         ``"euler"``, ``"midpoint"`` or ``"rk4"``.
     record : int
-        About how many rows are kept, at least 1; sums, maxima and variations use every step all the
-        same.
+        Approximate number of rows kept, at least 1; sums, maxima and variations use every step in
+        any case.
     tail : float
-        Fraction of the run, at its end, over which the tail figures are taken.
+        Fraction of the run, at its end, that the tail figures cover.
     jit : bool
         False runs the same loop as plain Python: slow, for breakpoints in blocks.
     progress : callable, optional
-        Called with the fraction done (0 to 1) at least every 50 ms of machine time or so; what it
-        raises ends the run.
+        Called with the fraction done (0 to 1) at least every 50 ms of machine time or so; an
+        exception that it raises ends the run.
 
     Returns
     -------
@@ -74,8 +74,8 @@ def simulate(loop: ClosedLoop, duration: float | None = None, dt: float | None =
     """
     duration, dt, tau = timed("simulate", loop, duration, dt, tau)
     if duration is None:
-        raise ParameterError("simulate: duration [s] is not given, and the loop has none of its "
-                             "own")
+        raise ParameterError(
+            "simulate: duration [s] is not given, and the loop has none of its own")
     jit, progress = switch("simulate", "jit", jit), function("simulate", "progress", progress)
     m, n, lag = _steps(loop, duration, dt, tau)
     chosen("simulate", "method", method, METHODS)
@@ -86,27 +86,28 @@ def simulate(loop: ClosedLoop, duration: float | None = None, dt: float | None =
     if jit:
         from numba import config
 
-        jit = not config.DISABLE_JIT
+        jit = not config.DISABLE_JIT  # pyright: ignore[reportAttributeAccessIssue]
     f, program = built(loop, method, m*dt, m, lag, jit)
     every, k_tail = -(-n//record), n - round(n*tail)
     rec = np.empty((-(-n//every) + 1, len(program.columns)))
-    *left, k, stopped, diverged = _driven(f, program, loop, rec, dt, m, n, every, k_tail,
-                                          1000 if jit else 20, progress)
-    return result(loop, program, *left, k, k_tail, dt, m, stopped, diverged)
+    rec, end, before, k, stopped, diverged = _driven(
+        f, program, loop, rec, dt, m, n, every, k_tail, 1000 if jit else 20, progress)
+    return result(loop, program, rec, end, before, k, k_tail, dt, m, stopped, diverged)
 
 
 def _steps(loop: ClosedLoop, duration: float, dt: float, tau: float) -> tuple[int, int, int]:
-    """Check times against one another; return the steps of a sample, of the run and of the latency."""
-    if not max(tau, duration, loop.latency)/dt < 1e15:
-        raise ParameterError(f"simulate: dt = {dt:g} s is not allowed; {max(tau, duration, loop.latency):g} s must "
+    """Check times against one another; return the steps per sample, run and latency."""
+    longest = max(tau, duration, loop.latency)
+    if not longest/dt < 1e15:
+        raise ParameterError(f"simulate: dt = {dt:g} s is not allowed; {longest:g} s must "
                              "take less than 1e15 steps")
     m, n, lag = round(tau/dt), round(duration/dt), round(loop.latency/dt)
     if m < 1 or abs(m*dt - tau) > 1e-9*tau:
         raise ParameterError(f"simulate: tau = {tau:g} s is not allowed; it must be a multiple of "
                              f"dt = {dt:g} s")
     if abs(lag*dt - loop.latency) > 1e-9*loop.latency or lag > MOST*m:
-        raise ParameterError(f"simulate: latency = {loop.latency:g} s is not allowed; it must be a multiple of "
-                             f"dt = {dt:g} s, of at most {MOST} samples of {tau:g} s")
+        raise ParameterError(f"simulate: latency = {loop.latency:g} s is not allowed; it must be "
+                             f"a multiple of dt = {dt:g} s, of at most {MOST} samples of {tau:g} s")
     if duration < tau*(1 - 1e-9):
         raise ParameterError(f"simulate: duration = {duration:g} s is not allowed; it must be at "
                              f"least tau = {tau:g} s")
@@ -118,9 +119,9 @@ def _steps(loop: ClosedLoop, duration: float, dt: float, tau: float) -> tuple[in
     return m, n, lag
 
 
-def _driven(f: Callable, program: Program, loop: ClosedLoop, rec: np.ndarray, dt: float, m: int, n: int, every: int,
-            k_tail: int, chunk: int, progress: Callable | None) -> tuple:
-    """Run a loop in chunks; return its records, figures at the end and before the tail, and how it ended."""
+def _driven(f: Callable, program: Program, loop: ClosedLoop, rec: np.ndarray, dt: float, m: int,
+            n: int, every: int, k_tail: int, chunk: int, progress: Callable | None) -> tuple:
+    """Run a loop in chunks; return records, figures at the end and before the tail, and the end."""
     P = np.array([v for p in loop.p.values() for v in p], float)
     x, z = loop.start()
     S = np.array([*(program.state | x | z).values()])
@@ -132,7 +133,8 @@ def _driven(f: Callable, program: Program, loop: ClosedLoop, rec: np.ndarray, dt
     while k <= n and not diverged:
         stop = min(k + chunk, k_tail if k < k_tail else n + 1)
         began, first = time.perf_counter(), k
-        k, sample, row, line, n, diverged = f(S, P, R, rec, dt, m*dt, m, every, n, k, stop, sample, row, line)
+        k, sample, row, line, n, diverged = f(
+            S, P, R, rec, dt, m*dt, m, every, n, k, stop, sample, row, line)
         if k == k_tail and first < k:
             before = dict(zip(names, S.tolist(), strict=True))
             S[peaks] = 0.0

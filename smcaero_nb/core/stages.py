@@ -1,4 +1,4 @@
-"""The stages of a closed loop: the one table of what each may ask for and what it gives."""
+"""The stages of a closed loop: a table of what each may ask for and what it gives."""
 
 from typing import NamedTuple
 
@@ -15,7 +15,7 @@ class Stage(NamedTuple):
     gives : str
         The signal that it gives.
     passes : str
-        The signal that stands for it where there is no block; empty: zero, or nothing.
+        The signal that replaces it where there is no block; empty: zero, or nothing.
     when : str
         ``"dt"``: at every integration step; ``"tau"``: at every sample, and held in between;
         ``"row"``: at recorded rows.
@@ -23,7 +23,7 @@ class Stage(NamedTuple):
         Whether a block there may have states. It then asks for `z` and `tau`, and is evaluated at
         every sample.
     role : str
-        ``"design"``: what a designer chooses; ``"world"``: what is given.
+        ``"design"``: chosen by the designer; ``"world"``: given.
     """
 
     asks: tuple[str, ...]
@@ -52,16 +52,16 @@ STAGES = {
     "stop": _stage("t x", "left", "", "dt", "world", memory=False),
     "probe": _stage("t x u d r y e", "probe", "", "row", "world", memory=False),
 }
-#: Those of the control, in the order in which they act at a sample.
+#: The stages of the control, in the order in which they act at a sample.
 SAMPLED = tuple(name for name, s in STAGES.items() if s.when == "tau")
-#: What a block with memory is offered besides the signals of its stage.
+#: Offered to a block with memory besides the signals of its stage.
 OWN = ("z", "tau", "k", "salt")
-#: Signals that are recorded.
+#: Recorded signals.
 SIGNALS = ("t", "r", "y", "y_m", "e", "e_hat", "sigma", "v", "u", "d")
 
 
 def table() -> str:
-    """Return the stages as a table in Markdown: which may ask for what."""
+    """Return a table in Markdown of what each stage may ask for."""
     when = {"dt": "every `dt`", "tau": "every `tau`", "row": "recorded rows"}
     lines = ["| stage | may ask for | gives | evaluated |", "|---|---|---|---|"]
     for name, s in STAGES.items():

@@ -10,11 +10,11 @@ from .signal import generated, leaves, solution
 
 __all__ = ["cross", "dot", "quaternion_product", "solve", "times"]
 
-MOST = 4  # rows of a matrix
+MOST = 4  # maximum number of rows of a matrix to solve with
 
 
 def _same(a: Any, b: Any, what: str) -> int:
-    """The length of two vectors, which have to be equally long."""
+    """The common length of two vectors."""
     if a is None or b is None or len(a) != len(b) or any(q is not None for q in (*a, *b)):
         raise ValueError(f"vec.{what} takes two vectors of the same length; "
                          f"it was given {_size(a)} and {_size(b)}")
@@ -29,7 +29,7 @@ def _size(s: Any) -> str:
 
 
 def _matrix(A: Any, what: str) -> tuple[int, int]:
-    """Rows and columns of a matrix."""
+    """Numbers of rows and columns of a matrix."""
     if A is None or any(q is None or len(q) != len(A[0]) for q in A):
         raise ValueError(f"vec.{what} takes a matrix, a tuple of rows of the same length; "
                          f"it was given {_size(A)}")
@@ -51,8 +51,8 @@ def _cross(a: Any, b: Any) -> str:
 def _times(A: Any, b: Any) -> str:
     n, m = _matrix(A, "times")
     if b is None or len(b) != m:
-        raise ValueError(f"vec.times takes a matrix and what has as many rows as it has columns; "
-                         f"it was given {_size(A)} and {_size(b)}")
+        raise ValueError("vec.times takes a matrix and a vector or matrix with as many rows "
+                         f"as the first has columns; it was given {_size(A)} and {_size(b)}")
     if b[0] is None:
         return "return (" + "".join(
             " + ".join(f"A[{i}][{j}]*b[{j}]" for j in range(m)) + ", " for i in range(n)) + ")"
@@ -65,8 +65,8 @@ def _times(A: Any, b: Any) -> str:
 def _solve(G: Any, s: Any) -> str:
     n, m = _matrix(G, "solve")
     if n != m or n > MOST or s is None or len(s) != n or len(leaves(s)) != n:
-        raise ValueError(f"vec.solve takes a square matrix of up to {MOST} rows and a vector as "
-                         f"long; it was given {_size(G)} and {_size(s)}")
+        raise ValueError(f"vec.solve takes a square matrix of up to {MOST} rows and a vector of "
+                         f"the same length; it was given {_size(G)} and {_size(s)}")
     return solution(G, s)
 
 
@@ -86,7 +86,7 @@ dot = generated("a, b", _dot)
 cross = generated("a, b", _cross)
 #: Product A b of a matrix and a vector, or of two matrices.
 times = generated("A, b", _times)
-#: The x with G x = s, up to 4 x 4, by elimination with row exchanges; NaN where A is singular.
+#: Solution x of G x = s, up to 4 x 4, by elimination with row exchanges; NaN where G is singular.
 solve = generated("G, s", _solve)
 #: Product of two quaternions, scalar first: the rotation q followed by p.
 quaternion_product = generated("p, q", _quaternion_product)

@@ -1,4 +1,4 @@
-"""Writes the program of a loop, trying each line at t = 0 to learn the shapes of the signals."""
+"""Writes the program of a loop, trying each line at t = 0 to find the shapes of the signals."""
 
 import re
 import zlib
@@ -8,27 +8,27 @@ from .block import Block, BlockError, Channels
 from .cache import draws
 from .checks import check, kind, place, way_out
 from .expressions import error, limits, local, zero
-from .leaves import Leaf, found
+from .leaves import named
 from .param import listed, said
-from .program import LIMIT, METERS, METHODS, Program, line, parts
+from .program import LIMIT, METERS, METHODS, Program, line, parts, paths
 from .signal import leaves, shape, text
 from .stages import OWN, SAMPLED, SIGNALS, STAGES
 
-__all__ = ["inputs", "written"]
+__all__ = ["asking", "inputs", "written"]
 
-INPUTS = 8  # most inputs that a plant is tried with
-ESTIMATED = ("surface", "law", "allocation")  # for them e is what the differentiator gives
+INPUTS = 8  # maximum number of inputs that a plant is tried with
+ESTIMATED = ("surface", "law", "allocation")  # to them e is the output of the differentiator
 
 
-def paths(stage: str, b: Any) -> list[tuple[str, Block]]:
-    """Return (path, block) of the blocks of a stage: ``law__attitude``."""
-    if hasattr(b, "parts"):
-        return [q for n, p in b.parts.items() for q in paths(f"{stage}__{n}", p)]
-    return [(stage, b)] if b else []
+def asking(stages: dict[str, Any]) -> list[str]:
+    """Return the stages with a block that asks for u before the control gives it."""
+    return [s for s in ("output", "differentiator", "surface", "law", "allocation")
+            if any("u" in b.signals for b in parts(stages[s]))]
 
 
 def inputs(plant: Block) -> tuple[Any, Any]:
-    """Return zero input and perturbation of the shapes that a plant takes: the fewest that work."""
+    """Return a zero input and a zero perturbation of the smallest shapes that a plant takes."""
+    why: Exception | None = None
     for m in range(1, INPUTS + 1):
         for d in (0.0, (0.0,)*m):
             given = {"t": 0.0, "x": plant.z0, "u": (0.0,)*m if m > 1 else 0.0, "d": d}
@@ -43,7 +43,7 @@ def inputs(plant: Block) -> tuple[Any, Any]:
 
 
 class _Writer:
-    """Writes the program of a loop, trying each line to learn the shapes of the signals."""
+    """Writes the program of a loop, trying each line to find the shapes of the signals."""
 
     def __init__(self, loop: Any, method: str, tau: float, m: int, lag: int):
         self.loop, self.stages, self.m, self.lag = loop, loop.stages, m, lag
@@ -57,16 +57,15 @@ class _Writer:
                        "float": float, **self.params, **self.start}
         self.held_world = [s for s in ("reference", "perturbation")
                            if any(b.states for b in parts(self.stages[s]))]
-        self.command = "c" if lag else "u"  # what the control gives; u is what acts
+        self.command = "c" if lag else "u"  # the output of the control; u is what acts
         self.segments = self.write_all(method)
 
     # ---- segments --------------------------------------------------------------------------
     def write_all(self, method):
         """The lines of all segments."""
         stages = self.stages
-        asked = [s for s in ("output", "differentiator", "surface", "law", "allocation")
-                 if any("u" in b.signals for b in parts(stages[s]))]
-        if asked or self.lag:  # as few zeros as the plant works with, before u is given
+        asked = asking(stages)
+        if asked or self.lag:  # the fewest zeros that the plant takes, until u is given
             self.written(self.assign, "u", repr(inputs(stages["plant"])[0]))
         taken = self.shapes.get("u")
         early = any("d" in b.signals for b in parts(stages["output"]))
@@ -87,7 +86,7 @@ class _Writer:
         return made
 
     def count(self):
-        """The number of the sample, where a block or a ring asks for it."""
+        """The number of the sample, if a block or a ring asks for it."""
         needs = self.lag or any("k" in b.signals for s in STAGES for b in parts(self.stages[s]))
         if needs:
             self.write("count = k//m")
@@ -100,7 +99,7 @@ class _Writer:
             self.stage(s, STAGES[s].gives)
 
     def measure(self, early):
-        """Reference, output and error; before them, for an output that asks, the perturbation."""
+        """Reference, output and error; before them the perturbation, if the output asks for it."""
         if early and "perturbation" not in self.held_world:
             self.stage("perturbation", "d")
         if self.stages["output"] or len(self.x) > 1:
@@ -114,7 +113,7 @@ class _Writer:
         self.miss("e", "y")
 
     def miss(self, gives, of):
-        """The difference of reference and output, or of reference and what the sensor gives."""
+        """The difference of reference and output, or of reference and measurement."""
         try:
             self.assign(gives, error(self.shapes["r"], self.shapes[of], name=of))
         except (BlockError, TypeError, IndexError) as why:
@@ -140,7 +139,7 @@ class _Writer:
             self.ring(write=True)
 
     def ring(self, write):
-        """Lines that put the command into its ring, or take u out of it."""
+        """Lines that put the control into its ring, or take u out of it."""
         names = [local("c", q) for q in leaves(self.shapes["c"])]
         size = -(-self.lag//self.m) + 1
         if write:
@@ -183,7 +182,7 @@ class _Writer:
         return self.lines
 
     def write(self, source, where="", given=()):
-        """Append a line and try it; an error names the block, its line and what it was given."""
+        """Append a line and try it; an error names the block, its line and its arguments."""
         try:
             exec(source, self.values)
         except Exception as why:
@@ -213,7 +212,7 @@ class _Writer:
             self.write(f"{local(name, q)} = float(out{q})")
 
     def stage(self, stage, gives, passes="", alias=None):
-        """One stage: `gives` = block(...); where there is no block the signal `passes`, or zero."""
+        """One stage: `gives` = block(...); without a block the signal `passes`, or zero."""
         if self.stages[stage]:
             self.assign(gives, self.call(stage, alias or {}))
         elif gives != passes:
@@ -226,7 +225,7 @@ class _Writer:
         return self.called(stage, self.stages[stage], stage, None, alias)
 
     def called(self, stage, b, path, channel, alias):
-        """Call a block, or channels of blocks; return the text of what they give."""
+        """Call a block, or channels of blocks; return the text of the output."""
         if not isinstance(b, Channels):
             return self.block(stage, b, path, channel, alias)
         channel = [None if stage == "probe" else i for i in range(len(b.parts))]
@@ -234,8 +233,8 @@ class _Writer:
                    for i, (name, part) in zip(channel, b.parts.items(), strict=True)]
         return "(" + "".join(f"{q}, " for q in results) + ")"
 
-    def seen(self, stage, signal):
-        """The name under which a stage finds a signal: the control sees what the sensor gives."""
+    def seen(self, stage: str, signal: str) -> str:
+        """The name under which a stage finds a signal: the control sees the sensor's output."""
         if stage in SAMPLED and self.stages["sensor"] and stage != "sensor":
             signal = {"y": "y_m", "e": "e_m"}.get(signal, signal)
         if signal in ("e", "e_m") and self.stages["differentiator"] and stage in ESTIMATED:
@@ -243,7 +242,7 @@ class _Writer:
         return self.command if signal == "u" and stage == "actuator" else signal
 
     def block(self, stage, b, path, channel, alias):
-        """Call one block; return the text of what it gives."""
+        """Call one block; return the text of its output."""
         where, numbers = f"{stage} '{b.name}'", self.numbers
         mark = f"_{numbers['part']}"*hasattr(self.stages[stage], "parts")
         name = re.sub(r"\W", "_", f"{stage}_{b.name}") + mark
@@ -260,7 +259,7 @@ class _Writer:
                              + ", ".join(told)) from None
         args += [f"p_{stage}_{numbers['p'] + j}" for j in range(len(b.params))]
         if name not in self.functions and (source := draws(b.f)):
-            raise BlockError(f"{where} draws random numbers with {source}, which no run repeats; "
+            raise BlockError(f"{where} draws random numbers with {source}, so its runs differ; "
                              "draw them once (noise = "
                              "np.random.default_rng(1).standard_normal(1000)) and read noise[...] "
                              "in the block")
@@ -277,7 +276,7 @@ class _Writer:
         return f"{result}[0]" if states else result
 
     def memory(self, stage, b, where):
-        """The variables of the states of a block, which has to ask for what its stage offers."""
+        """The variables of a block's states; it may ask only for what its stage offers."""
         s = STAGES[stage]
         memory = s.memory and stage != "plant"
         offered = s.asks + OWN*(memory and (s.when == "tau" or bool(b.states)))
@@ -300,7 +299,7 @@ def written(loop: Any, method: str, tau: float, m: int, lag: int = 0) -> Program
     ----------
     loop : ClosedLoop
     method : str
-        Of integration, one of `METHODS`.
+        Integration method, one of `METHODS`.
     tau : float
         Sampling step [s].
     m : int
@@ -311,7 +310,7 @@ def written(loop: Any, method: str, tau: float, m: int, lag: int = 0) -> Program
     Raises
     ------
     BlockError
-        A block that does not fit its stage or fails at t = 0.
+        A block does not fit its stage or fails at t = 0.
     """
     w = _Writer(loop, method, tau, m, lag)
     names = {s: [local(s, q) for q in leaves(w.shapes[s])] for s in w.shapes}
@@ -341,26 +340,8 @@ def written(loop: Any, method: str, tau: float, m: int, lag: int = 0) -> Program
         segments={n: tuple(map(line, q)) for n, q in w.segments.items()},
         functions=w.functions, places=w.places, params=dict(zip(w.params, full, strict=True)),
         x=w.x, z=w.z, held=tuple(dict.fromkeys(held)), shapes=w.shapes,
-        leaves=_leaves(loop, w.shapes), meters=tuple(meters), state=state, columns=tuple(columns),
+        leaves=named(loop, w.shapes), meters=tuple(meters), state=state, columns=tuple(columns),
         inside=" and ".join([f"{' + '.join(f'abs({q})' for q in every)} <= {LIMIT!r}", *bounds]),
         driven=f"{' + '.join(f'abs({q})' for q in driven)} <= {LIMIT!r}",
         rings=tuple(w.rings), lag=lag,
         kinds=dict(zip(w.params, kinds, strict=True)), trial=tuple(w.trial), values=w.values)
-
-
-def _leaves(loop: Any, shapes: dict[str, Any]) -> dict[str, tuple[Leaf, ...]]:
-    """The leaves of all signals of a loop."""
-    plant, output = loop.stages["plant"], loop.stages["output"]
-    nested = shapes["e"] is not None and any(v is not None for v in shapes["e"])
-    channels = nested or loop.stages["law"] is not None and shapes["v"] is not None
-    names = () if output or len(plant.states) == 1 else tuple(plant.states)
-    made = {}
-    for s in (*SIGNALS[1:], "e_m", "probe"):
-        if s not in shapes:
-            continue
-        outward = s in ("r", "y", "y_m", "e", "e_m")
-        states = names if outward and shapes[s] == shapes["x"] else ()
-        metas = loop.metadata(s) if output or not outward else tuple(plant.states.values())
-        many = bool(states) or s in ("v", "u", "d", "probe") or s == "sigma" and channels
-        made[s] = found(s, shapes[s], metas, many, states)
-    return made
