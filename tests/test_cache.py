@@ -22,7 +22,8 @@ from numba.core import event
 import smcaero_nb as smc
 from smcaero_nb import ClosedLoop, Param, block, simulate
 from smcaero_nb.core import cache
-from smcaero_nb.core.cache import cache_folder, compiled, fingerprint, kept
+from smcaero_nb.core.cache import cache_folder, compiled, kept
+from smcaero_nb.core.content import fingerprint
 
 posix = pytest.mark.skipif(not hasattr(os, "getuid"), reason="needs POSIX owners and permissions")
 

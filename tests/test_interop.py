@@ -196,10 +196,6 @@ def test_the_perturbation_of_each_channel_is_found():
     assert len(run.xi) == 2 and all(np.isfinite(xi).all() for xi in run.xi) and run.doubts() == []
 
 
-ENGINE = "a law that takes a number per channel does not yet get one without a surface"
-
-
-@pytest.mark.xfail(reason=ENGINE)
 @pytest.mark.parametrize("law", [channels(a=smc.smc2.super_twisting, b=smc.smc2.super_twisting),
                                  smc.smc1.unit_vector.with_(rho=5.0)],
                          ids=["a law per channel", "one law for all"])

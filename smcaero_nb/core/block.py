@@ -8,7 +8,7 @@ import copy
 import functools
 import inspect
 
-from .cache import fingerprint
+from .content import fingerprint
 from .param import Param, ParameterError, declared, function, given, said, unknown
 from .signal import flat
 

@@ -9,7 +9,8 @@ from collections.abc import Callable
 from typing import Any
 
 from .block import BlockError
-from .cache import OPTIONS, compiled, kept, remembered
+from .cache import OPTIONS, compiled, kept
+from .content import remembered
 from .program import Program
 from .signal import shape
 from .writer import asking, inputs, written

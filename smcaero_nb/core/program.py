@@ -164,6 +164,16 @@ class Program:
                 for u in (serial and m.serial or m.update)]
 
     @functools.cached_property
+    def names(self) -> dict[str, Any]:
+        """The variables of each signal, nested as it is."""
+        def nested(name, s):
+            if s is None:
+                return name
+            return tuple(nested(f"{name}_{i}", v) for i, v in enumerate(s))
+
+        return {name: nested(name, s) for name, s in self.shapes.items()}
+
+    @functools.cached_property
     def source(self) -> str:
         """The loop as one function, to be run plain or compiled."""
         return serial(self)

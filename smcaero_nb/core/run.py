@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any, Literal, TextIO
 import numpy as np
 
 from .assumptions import doubts, perturbation
-from .expressions import local
 from .leaves import Leaf, at, heads
 from .metrics import Metrics, metrics
 from .program import Program
@@ -190,14 +189,11 @@ def _named(states: dict[str, Any], arrays: Any) -> types.SimpleNamespace:
         for name, v in states.items()})
 
 
-def _nested(program: Program, name: str, values: Callable[[str], Any], prefix: str = "") -> Any:
-    """The result of `values` for each variable of a signal, nested as the signal."""
-    def nested(s, path):
-        if s is None:
-            return values(local(prefix + name, path))
-        return tuple(nested(v, f"{path}[{i}]") for i, v in enumerate(s))
-
-    return nested(program.shapes[name], "")
+def _nested(names: Any, values: Callable[[str], Any], prefix: str = "") -> Any:
+    """The result of `values` for each variable, nested as the names are."""
+    if isinstance(names, str):
+        return values(prefix + names)
+    return tuple([_nested(q, values, prefix) for q in names])
 
 
 def result(loop: "ClosedLoop", program: Program, rec: np.ndarray, end: dict[str, float],
@@ -208,7 +204,7 @@ def result(loop: "ClosedLoop", program: Program, rec: np.ndarray, end: dict[str,
     law = loop.stages["law"] is not None
 
     def signal(name, values, prefix=""):
-        return _nested(program, name, values, prefix)
+        return _nested(program.names[name], values, prefix)
 
     def both(name):
         return types.SimpleNamespace(
@@ -254,7 +250,7 @@ def _probed(loop: "ClosedLoop", program: Program,
     b = loop.stages["probe"]
     if b is None:
         return types.SimpleNamespace()
-    signal = _nested(program, "probe", columns.__getitem__)
+    signal = _nested(program.names["probe"], columns.__getitem__)
     if not hasattr(b, "parts"):
         return types.SimpleNamespace(**{b.name: signal})
     return types.SimpleNamespace(**dict(zip(b.parts, signal, strict=True)))

@@ -9,7 +9,7 @@ import numpy as np
 from .build import built
 from .loop import ClosedLoop
 from .param import Param, ParameterError, chosen, function, given, positive, refused, switch
-from .program import METHODS, Program
+from .program import METHODS, Program, paths
 from .run import Run, result
 
 __all__ = ["simulate", "timed"]
@@ -111,11 +111,12 @@ def _steps(loop: ClosedLoop, duration: float, dt: float, tau: float) -> tuple[in
     if duration < tau*(1 - 1e-9):
         raise ParameterError(f"simulate: duration = {duration:g} s is not allowed; it must be at "
                              f"least tau = {tau:g} s")
-    for name, (meta, value, _) in loop.settable().items():
-        count = value/tau if meta.samples else 1.0
-        if not 0.5 < count < 1e15 or abs(count - round(count)) >= 1e-9*count:
-            raise ParameterError(f"simulate: {name} = {value:g} s is not allowed; it must be a "
-                                 f"multiple of tau = {tau:g} s")
+    for path, block in (q for stage, b in loop.stages.items() for q in paths(stage, b)):
+        for name, meta in block.params.items():
+            count = block.values[name]/tau if meta.samples else 1.0
+            if not 0.5 < count < 1e15 or abs(count - round(count)) >= 1e-9*count:
+                raise ParameterError(f"simulate: {path}__{name} = {block.values[name]:g} s is not "
+                                     f"allowed; it must be a multiple of tau = {tau:g} s")
     return m, n, lag
 
 

@@ -5,8 +5,8 @@ import zlib
 from typing import Any
 
 from .block import Block, BlockError, Channels
-from .cache import draws
 from .checks import check, kind, place, way_out
+from .content import draws
 from .expressions import error, limits, local, zero
 from .leaves import named
 from .param import listed, said
@@ -81,14 +81,13 @@ class _Writer:
             count = len(taken) if taken else "one number"
             raise BlockError(f"the {who} asks for u, of which the plant takes {count}, but the "
                              f"loop gives it u = {said(self.values_of('u'))}")
-        made["stop"] = self.written(self.stage, "stop", "left") if stages["stop"] else []
-        made["probe"] = self.written(self.stage, "probe", "probe") if stages["probe"] else []
+        for s in ("stop", "probe"):
+            made[s] = self.written(self.stage, s, STAGES[s].gives) if stages[s] else []
         return made
 
     def count(self):
         """The number of the sample, if a block or a ring asks for it."""
-        needs = self.lag or any("k" in b.signals for s in STAGES for b in parts(self.stages[s]))
-        if needs:
+        if self.lag or any("k" in b.signals for q in self.stages.values() for b in parts(q)):
             self.write("count = k//m")
 
     def hold(self):
@@ -216,7 +215,15 @@ class _Writer:
         if self.stages[stage]:
             self.assign(gives, self.call(stage, alias or {}))
         elif gives != passes:
-            self.assign(gives, self.text(passes) if passes else "0.0")
+            self.assign(gives, self.passed(passes, gives) if passes else "0.0")
+
+    def passed(self, passes, gives):
+        """The text of a signal that passes a stage; as sigma, a channel of one number is one."""
+        channels = self.shapes[passes] or ()
+        if gives != "sigma" or (None,) not in channels:
+            return self.text(passes)
+        return "(" + "".join(f"{self.text(passes, i)}{'[0]'*(v == (None,))}, "
+                             for i, v in enumerate(channels)) + ")"
 
     # ---- blocks ----------------------------------------------------------------------------
     def call(self, stage, alias):

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import ParameterError
-from ..core.cache import compiled, fingerprint, kept
+from ..core.cache import compiled, kept
+from ..core.content import fingerprint
 from ..core.signal import text
 from ..records import EVEN, check_samples, columns, longest_step
 from .differentiator import differentiator, orders
