@@ -12,7 +12,7 @@ MARGIN = 1.001  # a bound that is met to within this is met
 
 
 def exceeds(name, symbol="|xi|", rate=False):
-    r"""The condition that the perturbation, or its derivative, stays within a parameter: `theorem` of a block.
+    r"""The condition that the perturbation, or its derivative, stays within a parameter: `assumes` of a `Law`.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ def doubts(run):
     Returns
     -------
     list of str
-        Empty if all hold, if the law declares none (``@block(theorem=...)``), or if the run is too
+        Empty if all hold, if the law declares none (``Law(assumes=...)``), or if the run is too
         short to tell.
 
     Notes

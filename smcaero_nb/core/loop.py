@@ -124,5 +124,11 @@ class ClosedLoop:
         """Return all blocks, those of channels one by one."""
         return [q for b in self.stages.values() for q in parts(b)]
 
+    def __eq__(self, other: object) -> bool:
+        return vars(self) == vars(other) if isinstance(other, ClosedLoop) else NotImplemented
+
+    def __hash__(self) -> int:
+        return hash((self.name, *self.stages.values()))
+
     def __repr__(self) -> str:
         return "\n".join([f"ClosedLoop {self.name}".rstrip(), *(f"  {s:<15}{b!r}" for s, b in self.stages.items() if b)])

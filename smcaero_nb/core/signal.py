@@ -6,6 +6,8 @@ blocks may use on signals of any shape, compiled or not.
 
 import math
 
+from .family import written
+
 try:
     from numba import types
     from numba.extending import overload
@@ -50,8 +52,8 @@ def generated(args, body):
     def code(*a):
         key = tuple(map(shape, a))
         if key not in made:
-            exec(f"def f({args}): {body(*key)}", ns := {"__name__": __name__, "sqrt": math.sqrt, "nan": math.nan})
-            made[key] = ns["f"]
+            names = {"__name__": __name__, "sqrt": math.sqrt, "nan": math.nan}
+            made[key] = written(body.__name__.strip("_"), args, body(*key), names)
         return made[key]
 
     def f(*a):
@@ -64,8 +66,8 @@ def generated(args, body):
     return f
 
 
-#: First leaf of a signal: the output itself, without its derivatives.
-first = generated("s", lambda s: "return s" + leaves(s)[0])
+def _first(s):
+    return "return s" + leaves(s)[0]
 
 
 def _norm(s):
@@ -100,9 +102,11 @@ def solution(G, s):
     for i in reversed(range(m)):
         rest = "".join(f" - a{i}{j}*b{j}" for j in range(i + 1, m))
         lines += [f"b{i} = (b{i}{rest})/a{i}{i} if a{i}{i} != 0.0 else nan"]
-    return "".join(f"\n    {q}" for q in [*lines, "return " + text(s, (f"b{i}" for i in range(m)))])
+    return "\n".join([*lines, "return " + text(s, (f"b{i}" for i in range(m)))])
 
 
+#: First leaf of a signal: the output itself, without its derivatives.
+first = generated("s", _first)
 #: Euclidean norm over all leaves.
 norm = generated("s", _norm)
 #: k s/size, leaf by leaf, and 0 where size is 0; divided first, so that a tiny signal cannot overflow.
