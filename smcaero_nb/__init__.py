@@ -5,12 +5,14 @@
 `pid`), the differentiators that let them work from the output alone (`differentiators`), the design
 of sliding variables (`surface`), plants to try them on (`applications`), the lunar lander (`rpl`),
 the launch vehicle (`lv`), plants from python-control (`interop`), the practical relative degree
-(`prd`), and the masks and plots (`ui`, loaded when it is first used).
+(`prd`), and the masks and plots (`ui`, loaded when it is first used). `catalogue` lists all blocks
+with their cards (`card`), and `cite` their references.
 """
 
 import importlib
 
 from . import applications, differentiators, hosmc, interop, lv, pid, prd, rpl, smc1, smc2, surface
+from .catalogue import catalogue, cite
 from .core import (
     Block,
     BlockError,
@@ -22,14 +24,16 @@ from .core import (
     Run,
     accuracy,
     block,
+    card,
     channels,
     simulate,
     vec,
 )
 
-__all__ = ["Block", "BlockError", "Channels", "ClosedLoop", "Metrics", "Param", "ParameterError", "Run", "accuracy",
-           "applications", "block", "channels", "differentiators", "hosmc", "interop", "lv", "pid", "prd", "rpl", "simulate",
-           "smc1", "smc2", "surface", "vec"]
+__all__ = ["Block", "BlockError", "Channels", "ClosedLoop", "Metrics", "Param", "ParameterError",
+           "Run", "accuracy", "applications", "block", "card", "catalogue", "channels", "cite",
+           "differentiators", "hosmc", "interop", "lv", "pid", "prd", "rpl", "simulate", "smc1",
+           "smc2", "surface", "vec"]
 __version__ = "0.1.0"
 
 

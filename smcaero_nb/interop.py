@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 
 from .core import Block, Param, ParameterError, block
+from .core.card import Output, Plant
+from .core.family import family, written
 from .core.signal import generated, leaves
 
 __all__ = ["from_control"]
@@ -168,24 +170,44 @@ def from_control(sys: Any) -> Block:
     A, B, C, D, labels = matrices(sys)
     if not len(A):
         raise ParameterError("interop.from_control: sys has no states; a plant needs at least one")
-    m, p, states = B.shape[1], len(C), _identifiers(labels)
-    x, u = [f"x{i}" for i in range(len(A))], [f"u{j}" for j in range(m)]
-    name = _identifiers([sys.name])[0]
+    return linear(A, B, C, D, _identifiers(labels), sys.name)
+
+
+@family(card=Plant())
+def linear(A, B, C, D, states, name):
+    """Plant block of x' = A x + B (u + d), with its output y as attribute; see `from_control`."""
+    x, u = [f"x{i}" for i in range(len(A))], [f"u{j}" for j in range(len(B[0]))]
     rates = ", ".join(_row([*a, *b], x + u) for a, b in zip(A, B, strict=True))
-    ys = [_row([*c, *d], x + u) for c, d in zip(C, D, strict=True)]
-    y = ys[0] if p == 1 else "(" + "".join(f"({q},), " for q in ys) + ")"
-    unpacked, acting = f"    {', '.join(x)}, = x\n", f"    {', '.join(u)}, = total(u, d)\n"
-    asked, acts = ("x, u, d", acting) if D.any() else ("x", "")
-    names = {"__name__": __name__, "total": total}
-    exec(f"def f(x, u, d):\n{unpacked}{acting}    return ({rates},)\n"
-         f"def g({asked}):\n{unpacked}{acts}    return {y}\n", names)
-    f, g = names["f"], names["g"]
-    f.__name__, g.__name__ = name, f"output_of_{name}"
-    f.__doc__ = DOC.format(name=sys.name, n=len(A), m=m, p=p)
-    equation = "y = C x + D (u + d)" if acts else "y = C x"
-    g.__doc__ = f"Output of {sys.name}: {equation}.\n\n    .. math:: {equation}\n    "
-    symbols = [re.sub(r"^([a-zA-Z])_?(\d+)$", r"\1_{\2}", s) if re.match(r"^[a-zA-Z]_?\d+$", s) else
-               r"\mathrm{" + s.replace("_", r"\_") + "}" for s in states]
-    plant = block(state={s: (0.0, Param(q)) for s, q in zip(states, symbols, strict=True)})(f)
-    plant.y = block(g)
+    f = written(_identifiers([name])[0], "x, u, d", _unpacked(x, u) + f"return ({rates},)",
+                {"__name__": __name__, "total": total},
+                DOC.format(name=name, n=len(A), m=len(u), p=len(C)))
+    plant = block(f, state={s: (0.0, Param(_symbol(s))) for s in states})
+    plant.y = linear_output(C, D, name)  # pyright: ignore[reportAttributeAccessIssue]
     return plant
+
+
+@family(card=Output())
+def linear_output(C, D, name):
+    """Output block y = C x + D (u + d); see `from_control`."""
+    x, u = [f"x{i}" for i in range(len(C[0]))], [f"u{j}" for j in range(len(D[0]))]
+    ys = [_row([*c, *d], x + u) for c, d in zip(C, D, strict=True)]
+    y = ys[0] if len(ys) == 1 else "(" + "".join(f"({q},), " for q in ys) + ")"
+    asked, acting, equation = "x", [], "y = C x"
+    if np.any(D):
+        asked, acting, equation = "x, u, d", u, "y = C x + D (u + d)"
+    return block(written(
+        f"output_of_{_identifiers([name])[0]}", asked, _unpacked(x, acting) + f"return {y}",
+        {"__name__": __name__, "total": total},
+        f"Output of {name}: {equation}.\n\n    .. math:: {equation}\n    "))
+
+
+def _unpacked(x, u):
+    """Lines that name the states and, where there are any, the inputs with their perturbation."""
+    return f"{', '.join(x)}, = x\n" + f"{', '.join(u)}, = total(u, d)\n"*bool(u)
+
+
+def _symbol(state):
+    """LaTeX symbol of a state."""
+    if re.match(r"^[a-zA-Z]_?\d+$", state):
+        return re.sub(r"^([a-zA-Z])_?(\d+)$", r"\1_{\2}", state)
+    return r"\mathrm{" + state.replace("_", r"\_") + "}"

@@ -3,7 +3,9 @@
 from typing import Annotated
 
 from .core import Param, block
+from .core.card import Baseline
 from .core.signal import first
+from .sources import ASTROM_1995, KODE
 
 __all__ = ["pd", "pid"]
 
@@ -11,8 +13,8 @@ K_P = Param("k_p", "[v]/[e]", low=0.0, help="proportional gain", slider=(0.0, 10
 K_D = Param("k_d", "[v] s/[e]", low=0.0, help="derivative gain", slider=(0.0, 10.0))
 
 
-@block
-def pd(e, k_p: Annotated[float, K_P] = 1.0, k_d: Annotated[float, K_D] = 1.0) -> Param("v"):
+@block(output=Param("v"), card=Baseline(source=(KODE,)))
+def pd(e, k_p: Annotated[float, K_P] = 1.0, k_d: Annotated[float, K_D] = 1.0):
     r"""Proportional-derivative control.
 
     .. math:: v = k_p\,e + k_d\,\dot e
@@ -40,10 +42,15 @@ def pd(e, k_p: Annotated[float, K_P] = 1.0, k_d: Annotated[float, K_D] = 1.0) ->
     return k_p*e[0] + k_d*e[1]
 
 
-@block(state=dict(integral=(0.0, Param(r"\int e", "[e] s", help="integral to start with", slider=(-1.0, 1.0)))))
-def pid(r, y, z, tau, k_p: Annotated[float, K_P] = 1.0,
-        k_i: Annotated[float, Param("k_i", "[v]/([e] s)", low=0.0, help="integral gain", slider=(0.0, 10.0))] = 0.1,
-        k_d: Annotated[float, K_D] = 1.0) -> Param("v"):
+INTEGRAL = Param(r"\int e", "[e] s", help="integral to start with", slider=(-1.0, 1.0))
+Integral = Annotated[float,
+                     Param("k_i", "[v]/([e] s)", low=0.0, help="integral gain", slider=(0.0, 10.0))]
+
+
+@block(state=dict(integral=(0.0, INTEGRAL)), output=Param("v"),
+       card=Baseline(source=(ASTROM_1995, KODE)))
+def pid(r, y, z, tau, k_p: Annotated[float, K_P] = 1.0, k_i: Integral = 0.1,
+        k_d: Annotated[float, K_D] = 1.0):
     r"""Proportional-integral-derivative control, the derivative taken from the measurement.
 
     .. math:: v = k_p\,e + k_i \int e\,dt - k_d\,\dot y, \qquad e = r - y

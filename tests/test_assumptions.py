@@ -126,11 +126,11 @@ def test_a_short_run_says_nothing():
     assert simulate(loop, 1.0, 1e-3, 1e-3, record=3).doubts() == []
 
 
-def test_a_law_of_ones_own_declares_its_theorem():
+def test_a_law_of_your_own_declares_what_its_theorem_assumes():
     def small(values, xi, dxi):
         return f"xi = {xi:.2g}" if xi > values["k"] else None
 
-    @block(theorem=small)
+    @block(card=smc.card.Law(assumes=small))
     def own(sigma, k=0.5):
         return k*math.copysign(1.0, sigma)
 

@@ -304,7 +304,8 @@ def test_an_edit_in_another_process_recompiles_and_going_back_does_not(new_pytho
 
 
 @pytest.mark.parametrize(("file", "compiles_anew"), [
-    ("records.py", False), ("interop.py", False), ("core/signal.py", True), ("core/cache.py", True)])
+    ("records.py", False), ("interop.py", False), ("core/signal.py", True),
+    ("core/cache.py", True)])
 def test_editing_the_reader_of_files_keeps_every_compiled_loop_on_disk(
         new_python, tmp_path, file, compiles_anew):
     kit = tmp_path / "smcaero_nb"

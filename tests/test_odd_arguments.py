@@ -71,6 +71,7 @@ def examples():
         "source": control.tf([1.0], [1.0, 2.0, 5.0]), "c": (1.0, 1.0), "settling_time": 8.0,
         "G0": ((2.0, 1.0), (0.0, 4.0)), "sys": control.tf([1.0], [1.0, 2.0]), "name": "rho",
         "table": [(0, 100, 0.1)], "jit": False, "path": None,
+        ("cite", "source"): loop,
         ("identify", "source"): smc.prd.Record(T, Y, 0.5), ("block", "f"): lambda sigma, k=1.0: k,
         ("landing", "run"): landed, ("pulses", "run"): landed,
         ("double_integrator", "law"): "twisting", ("dc_motor", "law"): "twisting",
@@ -83,6 +84,8 @@ def arguments(name, f):
     for n, a in inspect.signature(f).parameters.items():
         if a.kind is a.VAR_KEYWORD:
             free = n
+            continue
+        if a.kind is a.VAR_POSITIONAL:
             continue
         known = [examples()[k] for k in ((name, n), (short, n), n) if k in examples()]
         assert known or a.default is not a.empty, f"{name}: `examples` needs one of '{n}'"
@@ -114,7 +117,7 @@ ODD = {
 }
 #: No argument of the kit is one of these.
 NEVER = ("object", "1j", "Decimal", "masked", "duration", "module", "repr")
-CALLED = ("check", "theorem", "band", "progress")  # functions of the caller's, who answers for them
+CALLED = ("check", "progress")  # functions of the caller's, who answers for them
 
 
 def called(f, /, *args, **given):

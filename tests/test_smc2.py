@@ -324,7 +324,7 @@ def test_bad_gains_are_refused(law, changes, words):
 @each("law", [twisting, adaptive_twisting])
 def test_twisting_without_the_derivative_is_an_error_that_names_it(law):
     with pytest.raises(BlockError,
-                       match=f"law '{law.name}' fails at t = 0.*It was given sigma = 1.0"):
+                       match=f"law '{law.name}' fails at t = 0.*It was given sigma = 1 .a number"):
         simulate(loop(law).with_(surface=None), 1.0, 0.1)
 
 

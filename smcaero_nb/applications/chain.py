@@ -5,9 +5,12 @@ from typing import Annotated
 
 from ..core import Block, ClosedLoop, Param, ParameterError, block
 from ..core.block import wanted
+from ..core.card import Output, Perturbation, Plant
+from ..core.family import family
 from ..core.param import switch
 from ..core.signal import generated, leaves, text
 from ..hosmc import integrated
+from ..sources import KODE
 from ..surface import differenced
 
 __all__ = ["chain", "chain_output", "chain_perturbation", "perturbed_chain"]
@@ -20,6 +23,7 @@ def _minus(s):
 minus = generated("s", _minus)
 
 
+@family(card=Plant(source=(KODE,)))
 def chain(r: int) -> Block:
     r"""Plant: a chain of r integrators, driven at its end.
 
@@ -81,7 +85,7 @@ def chain(r: int) -> Block:
     return integrators
 
 
-@block
+@block(card=Output(source=(KODE,)))
 def chain_output(x):
     r"""Output of the chain, with the sign that makes the error sigma.
 
@@ -104,7 +108,7 @@ def chain_output(x):
     return minus(x)
 
 
-@block(output=Param(r"\xi", "[v]"))
+@block(card=Perturbation(source=(KODE,)), output=Param(r"\xi", "[v]"))
 def chain_perturbation(t,
                        xi_0: Annotated[float, Param(r"\xi_0", "[v]", slider=(-2.0, 2.0),
                                                     help="constant part")] = 0.0,

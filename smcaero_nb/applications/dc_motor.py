@@ -6,17 +6,20 @@ from typing import Annotated
 
 from .. import hosmc
 from ..core import Block, ClosedLoop, Param, block
+from ..core.card import Actuator, Allocation, Output, Perturbation, Plant, Reference, Surface
 from ..core.param import chosen
 from ..core.scenario import Scenario
 from ..smc1 import adaptive_smc, dual_layer_smc, quasi_smc, sign_smc
 from ..smc2 import adaptive_super_twisting, adaptive_twisting, gains, super_twisting, twisting
+from ..sources import KODE, QUANSER
 from ..surface import itae
 
 __all__ = ["SCENARIOS", "amplifier", "dc_motor", "load_torque", "motor", "shaft", "speed", "step",
            "voltage", "with_integral"]
 
 
-@block(state=dict(theta=(0.0, Param(r"\theta", "rad", slider=(-3.0, 3.0), help="angle")),
+@block(card=Plant(source=(QUANSER,)),
+       state=dict(theta=(0.0, Param(r"\theta", "rad", slider=(-3.0, 3.0), help="angle")),
                   omega=(0.0, Param(r"\omega", "rad/s", slider=(-200.0, 200.0), help="speed")),
                   current=(0.0, Param("i", "A", help="armature current"))))
 def motor(x, u, d,
@@ -69,7 +72,7 @@ def motor(x, u, d,
     return x[1], (k*x[2] - b*x[1] - d)/J, (u - R*x[2] - k*x[1])/L
 
 
-@block(output=(Param(r"\theta", "rad"), Param(r"\omega", "rad/s")))
+@block(card=Output(), output=(Param(r"\theta", "rad"), Param(r"\omega", "rad/s")))
 def shaft(x):
     r"""Angle and speed of the shaft.
 
@@ -92,7 +95,7 @@ def shaft(x):
     return x[0], x[1]
 
 
-@block(output=Param(r"\omega", "rad/s"))
+@block(card=Output(), output=Param(r"\omega", "rad/s"))
 def speed(x):
     r"""Speed of the shaft.
 
@@ -115,7 +118,7 @@ def speed(x):
     return x[1]
 
 
-@block(output=Param("r", "[y]"))
+@block(card=Reference(), output=Param("r", "[y]"))
 def step(t,
          height: Annotated[float, Param("r_1", "[y]", slider=(-200.0, 200.0),
                                         help="value after the step")] = 1.0,
@@ -146,7 +149,7 @@ def step(t,
     return height if t >= start else 0.0
 
 
-@block(output=Param("T", "N m"))
+@block(card=Perturbation(), output=Param("T", "N m"))
 def load_torque(t,
                 T_0: Annotated[float, Param("T_0", "N m", slider=(-0.02, 0.02),
                                             help="constant part")] = 0.004,
@@ -179,7 +182,8 @@ def load_torque(t,
     return T_0 + T_1*math.sin(omega*t)
 
 
-@block(state=dict(integral=(0.0, Param(r"\int e", "[e] s", help="initial integral"))))
+@block(card=Surface(),
+       state=dict(integral=(0.0, Param(r"\int e", "[e] s", help="initial integral"))))
 def with_integral(e, z, tau):
     r"""Sliding variable that raises the relative degree from 1 to 2: integral of the error, error.
 
@@ -203,7 +207,7 @@ def with_integral(e, z, tau):
     return (integral, e), (integral + tau*e,)
 
 
-@block(output=Param("u", "V"))
+@block(card=Allocation(source=(KODE,)), output=Param("u", "V"))
 def voltage(v, G0: Annotated[float, Param("G_0", "[v]/V", low=1e-3, slider=(100.0, 1000.0),
                                           help="nominal gain k/(J R)")] = 307.5):
     r"""Allocation: armature voltage from the law's output.
@@ -229,7 +233,7 @@ def voltage(v, G0: Annotated[float, Param("G_0", "[v]/V", low=1e-3, slider=(100.
     return v/G0
 
 
-@block(output=Param("u", "V"))
+@block(card=Actuator(source=(QUANSER,)), output=Param("u", "V"))
 def amplifier(u, limit: Annotated[float, Param("u_{max}", "V", low=0.1, slider=(1.0, 24.0),
                                                help="maximum voltage")] = 10.0):
     r"""Actuator: voltage within the limits of the amplifier.

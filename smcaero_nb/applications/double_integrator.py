@@ -6,15 +6,18 @@ from typing import Annotated
 
 from .. import hosmc
 from ..core import Block, ClosedLoop, Param, block
+from ..core.card import Output, Perturbation, Plant
 from ..core.scenario import Scenario
 from ..smc1 import adaptive_smc, dual_layer_smc, quasi_smc, sign_smc
 from ..smc2 import adaptive_super_twisting, adaptive_twisting, gains, super_twisting, twisting
+from ..sources import SHTESSEL_2014
 from ..surface import itae
 
 __all__ = ["SCENARIO", "double_integrator", "mass", "position", "push"]
 
 
-@block(state=dict(s=(1.0, Param("s(0)", "m", slider=(-5.0, 5.0), help="initial position")),
+@block(card=Plant(source=(SHTESSEL_2014,)),
+       state=dict(s=(1.0, Param("s(0)", "m", slider=(-5.0, 5.0), help="initial position")),
                   v=(0.0, Param(r"\dot s(0)", "m/s", slider=(-5.0, 5.0),
                                 help="initial velocity"))))
 def mass(x, u, d, m: Annotated[float, Param("m", "kg", low=1e-3, slider=(0.1, 10.0),
@@ -45,7 +48,7 @@ def mass(x, u, d, m: Annotated[float, Param("m", "kg", low=1e-3, slider=(0.1, 10
     return x[1], (u + d)/m
 
 
-@block(output=(Param("s", "m"), Param(r"\dot s", "m/s")))
+@block(card=Output(), output=(Param("s", "m"), Param(r"\dot s", "m/s")))
 def position(x):
     r"""Position and velocity.
 
@@ -68,7 +71,7 @@ def position(x):
     return x[0], x[1]
 
 
-@block(output=Param("d", "N"))
+@block(card=Perturbation(), output=Param("d", "N"))
 def push(t,
          d_0: Annotated[float, Param("d_0", "N", slider=(-2.0, 2.0), help="constant part")] = 0.2,
          d_1: Annotated[float, Param("d_1", "N", low=0.0, slider=(0.0, 2.0),

@@ -1,6 +1,6 @@
 """The engine: blocks, closed loops, simulation."""
 
-from . import vec
+from . import card, vec
 from .accuracy import Accuracy, accuracy
 from .assumptions import exceeds
 from .block import Block, BlockError, Channels, block, channels
@@ -10,5 +10,6 @@ from .param import Param, ParameterError
 from .run import Run
 from .simulate import simulate
 
-__all__ = ["Accuracy", "Block", "BlockError", "Channels", "ClosedLoop", "Metrics", "Param", "ParameterError", "Run",
-           "accuracy", "block", "channels", "exceeds", "reaching_time", "simulate", "vec"]
+__all__ = ["Accuracy", "Block", "BlockError", "Channels", "ClosedLoop", "Metrics", "Param",
+           "ParameterError", "Run", "accuracy", "block", "card", "channels", "exceeds",
+           "reaching_time", "simulate", "vec"]

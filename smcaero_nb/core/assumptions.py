@@ -20,7 +20,7 @@ MARGIN = 1.001  # relative tolerance of the bound
 
 
 def exceeds(name: str, symbol: str = "|xi|", rate: bool = False) -> Condition:
-    r"""Make the `theorem` of a block whose parameter bounds the perturbation, or its derivative.
+    r"""Make the `assumes` of a `Law` whose parameter bounds the perturbation or its derivative.
 
     Parameters
     ----------
@@ -112,8 +112,8 @@ def doubts(run: "Run") -> list[str]:
     Returns
     -------
     list of str
-        Empty if all of them hold, if the law declares none (``@block(theorem=...)``), or if the run
-        is too short to tell.
+        Empty if all hold, if the law declares none (``Law(assumes=...)``), or if the run is too
+        short to tell.
 
     Notes
     -----

@@ -1,14 +1,19 @@
 """Blocks: one plain function each.
 
-Arguments without a default are signals, wired by name; arguments with a default are parameters. A block with memory
-names its state and asks for `z` and `tau`; it returns (output, next z). A plant returns dx/dt.
+Arguments without a default are signals, wired by name; arguments with a default are parameters. A
+block with memory names its state and asks for `z` and `tau`; it returns (output, next z). A plant
+returns dx/dt.
 """
 
 import copy
 import functools
 import inspect
+from collections.abc import Callable
+from typing import Any, overload
 
+from .card import Card, Law
 from .content import fingerprint
+from .family import found, home, public, rebuilt, spelt
 from .param import Param, ParameterError, declared, function, given, said, unknown
 from .signal import flat
 
@@ -16,7 +21,7 @@ __all__ = ["Block", "BlockError", "Channels", "block", "channels", "routed", "wa
 
 
 class BlockError(TypeError):
-    """A block that is wired, shaped or written so that it cannot run; the message names block, stage and line."""
+    """A block that cannot run as wired, shaped or written; the message names stage and line."""
 
 
 class Block:
@@ -38,15 +43,14 @@ class Block:
         Metadata of what it returns.
     check : function or None
         What the values have to satisfy together.
-    theorem : function or None
-        What a law's theorem assumes of the perturbation, or an allocation of the output.
-    r : int or None
-        Relative degree that a law of (sigma, sigma', ...) is for.
-    band : function or None
-        Size of sigma that a law accepts.
+    card : Card or None
+        What it is for, what it needs and guarantees, and where it was published.
+    factory : tuple or None
+        The function that made it, and the arguments that it was given, where there is one.
     """
 
-    def __init__(self, f, state, output=None, check=None, theorem=None, r=None, band=None):
+    def __init__(self, f: Callable, state: dict, output: Param | tuple | None = None,
+                 check: Callable | None = None, card: Card | None = None):
         if not inspect.isfunction(f):
             raise BlockError(f"block: a block is made of a plain function, not of {said(f)}")
         self.f, self.name, self.__doc__ = f, f.__name__, f.__doc__
@@ -56,14 +60,16 @@ class Block:
         for name, v in state.items():
             v, meta = v if isinstance(v, tuple) and len(v) == 2 else (v, Param())
             if isinstance(v, (tuple, list)) or not isinstance(meta, Param):
-                raise BlockError(f"{self.name}: state {name} = {said(state[name])} is not allowed; a state is a number, or "
-                                 f"(number, Param(...)): name one for each number, {name}_0, {name}_1, ...")
+                raise BlockError(f"{self.name}: state {name} = {said(state[name])} is not allowed; "
+                                 "a state is a number, or (number, Param(...)): name one for each "
+                                 f"number, {name}_0, {name}_1, ...")
             if name in self.params:
                 raise BlockError(f"{self.name}: '{name}' is both a parameter and a state")
             self.states[name], self.values[name] = meta, meta.check(self.name, name, v)
         if "z" in self.signals and not state:
             raise BlockError(f"{self.name} asks for z, but names no state: @block(state=dict(...))")
-        self.check, self.theorem, self.r, self.band = check, theorem, r, band
+        self.check, self.card, self.factory = check, card, None
+        self._born = self.values  # before any `with_`
         self._together()
 
     def _together(self):
@@ -74,17 +80,69 @@ class Block:
     settable = property(lambda self: {**self.params, **self.states})
     p = property(lambda self: tuple(self.values[n] for n in self.params))
     z0 = property(lambda self: tuple(self.values[n] for n in self.states))
+    theorem = property(lambda self: getattr(self.card, "assumes", None))
+    band = property(lambda self: getattr(self.card, "band", None))
 
-    def with_(self, **changes):
+    @property
+    def r(self) -> int | None:
+        """Relative degree that a law of (sigma, sigma', ...) is for."""
+        card = self.card
+        return card.r if isinstance(card, Law) and card.sees == "derivatives" else None
+
+    @property
+    def made(self) -> tuple[str, dict] | None:
+        """Name, ``"hosmc.nested"``, and arguments of what made it; None where no module has it."""
+        maker, arguments = self.factory or (self.f, {})
+        return (public(*at), arguments) if (at := home(maker)) else None
+
+    def code(self) -> str:
+        """Return a Python expression for this block, as ``smc.hosmc.nested(2).with_(L=3.0)``.
+
+        The name of a block of the kit begins with ``smc``, that of a block of your own with its
+        module; a block from a notebook cell is called by its name alone.
+        """
+        maker, arguments = self.factory or (self.f, None)
+        born = found(*at).values if arguments is None and (at := home(maker)) else self._born
+        changed = ", ".join(f"{n}={v!r}" for n, v in self.values.items() if v != born[n])
+        return spelt(maker, arguments) + (f".with_({changed})" if changed else "")
+
+    def __reduce__(self):
+        maker, arguments = self.factory or (self.f, None)
+        at, functions = home(maker), filter(inspect.isfunction, (arguments or {}).values())
+        if lost := next((f for f in (maker, *functions) if not home(f)), None):
+            raise BlockError(
+                f"block '{self.name}' cannot be pickled, because {lost.__module__}."
+                f"{lost.__qualname__} cannot be imported; move it to a module (a .py file) and "
+                "import it from there")
+        return rebuilt, (at, arguments, self.values)
+
+    def __copy__(self):
+        new = object.__new__(type(self))
+        new.__dict__.update(self.__dict__, values=dict(self.values))
+        return new
+
+    def __deepcopy__(self, memo):
+        return copy.copy(self)
+
+    def __eq__(self, other):
+        if not isinstance(other, Block):
+            return NotImplemented
+        return self is other or (self.values, self.made) == (other.values, other.made) and (
+            self.content() == other.content())
+
+    def __hash__(self):
+        return hash((self.name, tuple(sorted(self.values.items()))))
+
+    def with_(self, **changes: Any) -> "Block":
         """Return a copy with other parameters or initial states.
 
         Raises
         ------
         ParameterError
-            An unknown name, a value that its metadata does not allow, or values that do not go together.
+            An unknown name, a value that its metadata does not allow, or values that do not go
+            together.
         """
         new, known = copy.copy(self), self.settable
-        new.values = dict(self.values)
         for name, v in changes.items():
             if name not in known:
                 raise unknown(self.name, name, known)
@@ -109,22 +167,23 @@ class Block:
         return self.f(*args, **{**{n: self.values[n] for n in rest}, **params})
 
     def __repr__(self):
-        say = (f"{n}={v if isinstance(v := self.values[n], str) else f'{v:g}'}" + (f" {m.unit}" if m.unit != "1" else "")
-               for n, m in self.settable.items())
+        values = {n: v if isinstance(v, str) else f"{v:g}" for n, v in self.values.items()}
+        say = (f"{n}={values[n]}" + f" {m.unit}"*(m.unit != "1") for n, m in self.settable.items())
         return f"{self.name}({', '.join(say)})"
 
-    def content(self):
-        """What the compiled block depends on."""
+    def content(self) -> tuple:
+        """Return what the compiled block depends on."""
         def bounds(m):
             return (m.low, m.high) if isinstance(m, Param) else m and tuple(map(bounds, m))
 
-        return fingerprint(self.f), {n: bounds(m) for n, m in self.states.items()}, bounds(self.output), self.kinds
+        states = {n: bounds(m) for n, m in self.states.items()}
+        return fingerprint(self.f), states, bounds(self.output), self.kinds
 
 
 class Channels:
-    """Independent blocks side by side, made by `channels`; each sees its own component of every signal."""
+    """Independent blocks side by side, made by `channels`; each sees its component of a signal."""
 
-    def __init__(self, parts):
+    def __init__(self, parts: dict[str, Block]):
         if not parts:
             raise BlockError("channels: at least one block is needed: channels(attitude=..., ...)")
         for name, b in parts.items():
@@ -143,21 +202,41 @@ class Channels:
     states = property(lambda self: {c: b.states for c, b in self.parts.items()})
     p = property(lambda self: tuple(v for b in self.parts.values() for v in b.p))
     z0 = property(lambda self: tuple(v for b in self.parts.values() for v in b.z0))
-    output = property(lambda self: tuple(q) if any(q := [b.output for b in self.parts.values()]) else None)
 
-    def with_(self, **changes):
-        """Return a copy: ``part=block`` replaces a part, ``part__name=value`` sets something in it."""
+    @property
+    def output(self) -> tuple | None:
+        """Metadata of what the blocks return, where any of them declares some."""
+        found = tuple(b.output for b in self.parts.values())
+        return found if any(found) else None
+
+    def code(self) -> str:
+        """Return a Python expression that makes these blocks; see `Block.code`."""
+        return f"smc.channels({', '.join(f'{c}={b.code()}' for c, b in self.parts.items())})"
+
+    def __reduce__(self):
+        return Channels, (self.parts,)
+
+    def __eq__(self, other):
+        if not isinstance(other, Channels):
+            return NotImplemented
+        return list(self.parts.items()) == list(other.parts.items())
+
+    def __hash__(self):
+        return hash(tuple(self.parts.items()))
+
+    def with_(self, **changes: Any) -> "Channels":
+        """Return a copy: ``part=block`` replaces it, ``part__name=value`` sets something in it."""
         return Channels(routed(self.name, self.parts, changes))
 
     def __repr__(self):
         return f"channels({', '.join(f'{c}={b!r}' for c, b in self.parts.items())})"
 
-    def content(self):
-        """What the compiled blocks depend on."""
+    def content(self) -> list:
+        """Return what the compiled blocks depend on."""
         return [(c, b.content()) for c, b in self.parts.items()]
 
 
-def routed(owner, parts, changes):
+def routed(owner: str, parts: dict, changes: dict) -> dict:
     """Parts with changes applied: part=block replaces it, part__name=value sets something in it."""
     new, inner = dict(parts), {}
     for key, v in changes.items():
@@ -170,12 +249,13 @@ def routed(owner, parts, changes):
             new[part] = v
     for part, values in inner.items():
         if new[part] is None:
-            raise ParameterError(f"{owner}: {part} is not used, so it has no '{next(iter(values))}'")
+            raise ParameterError(
+                f"{owner}: {part} is not used, so it has no '{next(iter(values))}'")
         new[part] = wanted(part, new[part], Block, Channels).with_(**values)
     return new
 
 
-def wanted(name, value, *kinds):
+def wanted(name: str, value: Any, *kinds: type) -> Any:
     """Return `value` if it is a block, or of one of `kinds`, else raise `BlockError`."""
     if isinstance(value, kinds or Block):
         return value
@@ -184,34 +264,41 @@ def wanted(name, value, *kinds):
     raise BlockError(f"{name} must be a block (a function under @block), not {said(value)}{hint}")
 
 
-def block(f=None, *, state=None, output=None, check=None, theorem=None, r=None, band=None):
+@overload
+def block(f: Callable, *, state: dict | None = None, output: Param | tuple | None = None,
+          check: Callable | None = None, card: Card | None = None) -> Block: ...
+
+
+@overload
+def block(f: None = None, *, state: dict | None = None, output: Param | tuple | None = None,
+          check: Callable | None = None, card: Card | None = None
+          ) -> Callable[[Callable], Block]: ...
+
+
+def block(f=None, *, state=None, output=None, check=None, card=None) -> Any:
     r"""Make a block of a plain function.
 
     Parameters
     ----------
     f : function
-        Arguments without a default are signals, wired by name; arguments with one are parameters, and their
-        annotation ``Annotated[float, Param(...)]`` says what a mask and a validation need. A stage of a loop may use floats,
-        tuples, `math` and other plain functions; write ``x*x`` rather than ``x**2`` where compiled and plain runs
-        must agree to the last bit. What a mask only calls (`ui.live`) may be anything, and have parameters that are a choice:
+        Arguments without a default are signals, wired by name; arguments with one are parameters,
+        and their annotation ``Annotated[float, Param(...)]`` says what a mask and a validation
+        need. A stage of a loop may use floats, tuples, `math` and other plain functions; write
+        ``x*x`` rather than ``x**2`` where compiled and plain runs must agree to the last bit. What
+        a mask only calls (`ui.live`) may be anything, and have parameters that are a choice:
         ``Annotated[Literal["a", "b"], Param(...)]``.
     state : dict, optional
         ``{name: initial value}`` or ``{name: (initial value, Param)}``.
     output : Param or tuple of Param, optional
-        Metadata of what it returns, nested as that is; of a block with memory, without its states. The
-        return annotation ``Annotated[float, Param(...)]``, or a tuple of these, says the same.
+        Metadata of what it returns, nested as that is; of a block with memory, without its states.
+        The return annotation ``Annotated[float, Param(...)]``, or a tuple of these, says the same.
     check : function, optional
-        What parameters and initial states must satisfy together: it is given ``{name: value}`` of all of them, each
-        allowed by itself, and returns None, or the sentence that says which condition does not hold.
-    theorem : function, optional
-        Of a law: what its theorem assumes of the perturbation. It is given ``{name: value}`` and the greatest \|xi\| and
-        \|xi'\| of a run, and returns None, or the sentence that says which condition does not hold; see `Run.doubts`. Of an
-        allocation: it is given the values and a list of outputs y of the run.
-    r : int, optional
-        Of a law that sees a tuple (sigma, sigma', ...): the relative degree it is for, if it is one law and not one for several
-        inputs; default: as many as it sees.
-    band : function, optional
-        Of a law: the size of sigma that it accepts. It is given a time and ``{name: value}``; pictures draw it.
+        What parameters and initial states must satisfy together: it is given ``{name: value}`` of
+        all of them, each allowed by itself, and returns None, or the sentence that says which
+        condition does not hold.
+    card : Card, optional
+        What the block is for, what it needs and guarantees, and where it was published: for a law
+        ``smc.card.Law(...)``.
 
     Returns
     -------
@@ -232,15 +319,16 @@ def block(f=None, *, state=None, output=None, check=None, theorem=None, r=None, 
     state = {} if state is None else state
     given("block", "state", state, dict, "a dict of initial values by name")
     if not (output is None or all(isinstance(m, Param) for m in flat(output))):
-        raise BlockError(f"block: output = {said(output)} is not allowed; it must be a Param, or a tuple of them")
-    for name, v in dict(check=check, theorem=theorem, band=band).items():
-        function("block", name, v)
-    r = None if r is None else Param(low=1).check("block", "r", r, int)
-    made = functools.partial(Block, state=state, output=output, check=check, theorem=theorem, r=r, band=band)
+        raise BlockError(f"block: output = {said(output)} is not allowed; it must be a Param, or a "
+                         "tuple of them")
+    function("block", "check", check)
+    if card is not None:
+        given("block", "card", card, Card, "a card, such as smc.card.Law(...)")
+    made = functools.partial(Block, state=state, output=output, check=check, card=card)
     return made if f is None else made(f)
 
 
-def channels(**parts):
+def channels(**parts: Block) -> Channels:
     """Run independent blocks side by side, one for each component of the signals.
 
     Parameters

@@ -62,6 +62,7 @@ def is_library(v: Any) -> bool:
 
 
 def is_block(v: Any) -> bool:
+    """Return whether it is a block, which a function uses as a helper."""
     return hasattr(v, "f") and hasattr(v, "values")
 
 
@@ -69,8 +70,8 @@ def _content(v: Any, seen: dict, trace: list, names: tuple[str, ...] = (),
              defaults: bool = True) -> str:
     """Text that changes whenever the compiled meaning of `v` may change.
 
-    `trace` collects what was read, as (reader, holder, name, value), and None for an object that may
-    change in place.
+    `trace` collects what was read, as (reader, holder, name, value), and None for an object that
+    may change in place.
     """
     v = getattr(v, "py_func", v)  # a numba function
     name = _name(v)

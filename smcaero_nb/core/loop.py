@@ -60,6 +60,10 @@ class ClosedLoop:
     README.
     """
 
+    duration: float | None
+    dt: float | None
+    tau: float | None
+
     def __init__(self, plant: Block, *, duration: float | None = None, dt: float | None = None,
                  tau: float | None = None, latency: float | None = None, name: str = "",
                  verdict: Callable | None = None, **stages: "Block | Channels | None"):
@@ -138,6 +142,12 @@ class ClosedLoop:
     def blocks(self) -> list[Block]:
         """Return all blocks, those of channels one by one."""
         return [q for b in self.stages.values() for q in parts(b)]
+
+    def __eq__(self, other: object) -> bool:
+        return vars(self) == vars(other) if isinstance(other, ClosedLoop) else NotImplemented
+
+    def __hash__(self) -> int:
+        return hash((self.name, *self.stages.values()))
 
     def __repr__(self) -> str:
         blocks = [f"  {s:<15}{b!r}" for s, b in self.stages.items() if b]

@@ -5,8 +5,9 @@ import inspect
 import math
 import numbers
 import reprlib
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import get_args, get_origin
+from typing import Any, get_args, get_origin
 
 import numpy as np
 
@@ -22,17 +23,18 @@ class ParameterError(ValueError):
 
 @dataclass(frozen=True)
 class Param:
-    """What a mask shows and what validation enforces of one number.
+    """Metadata of a number: what a mask shows and what validation enforces.
 
     Parameters
     ----------
     symbol : str
-        LaTeX symbol, without dollars, of letters, accents, roman type and indices; any other text is
-        shown as it stands; empty: the name in the code.
+        LaTeX symbol, without dollars, of letters, accents, roman type and indices; any other text
+        is shown as it stands; empty: the name in the code.
     unit : str
         Unit as text, ``"1"`` if dimensionless; ``"[sigma]"`` stands for the unit of a signal.
     low, high : float
-        Hard bounds. Of a plant's state or of an output, they are also its limits: a run that leaves them has diverged.
+        Hard bounds. Of a plant's state or of an output, they are also its limits: a run that leaves
+        them has diverged.
     log : bool
         The slider is logarithmic.
     help : str
@@ -40,7 +42,8 @@ class Param:
     slider : tuple of two floats
         Range of the slider, where it is narrower than the bounds.
     samples : bool
-        It is a time that the block counts in samples: `simulate` takes only multiples of its sampling step.
+        It is a time that the block counts in samples: `simulate` takes only multiples of its
+        sampling step.
     hidden : bool
         Of a state: pictures and masks leave it out.
     """
@@ -74,8 +77,8 @@ class Param:
             if not isinstance(v, (int, float)):  # a fraction or a number of numpy
                 object.__setattr__(self, n, float(v))
 
-    def check(self, owner, name, value, kind=float):
-        """Return `value` as `kind` (float, int, bool or a Literal) if it is allowed, else raise `ParameterError`."""
+    def check(self, owner: str, name: str, value: Any, kind: Any = float) -> Any:
+        """Return `value` as `kind` (float, int, bool, Literal) if allowed, or `ParameterError`."""
         if choices := get_args(kind):
             return chosen(owner, name, value, choices)
         if kind is bool:
@@ -86,7 +89,7 @@ class Param:
             raise refused(owner, name, value, self.allowed(kind), self.unit)
         return kind(value)
 
-    def allowed(self, kind=float):
+    def allowed(self, kind: type = float) -> str:
         """The admissible values, in words."""
         what = "a whole number" if kind is int else "a finite number"
         low, high = math.isfinite(self.low), math.isfinite(self.high)
@@ -97,12 +100,12 @@ class Param:
         return what + (f"{' ' if low or high else ', in '}{self.unit}" if self.unit != "1" else "")
 
 
-def real(value):
-    """Whether a value is a real number: no switch, and no duration, which to numpy is a number."""
+def real(value: Any) -> bool:
+    """Return whether a value is a real number; a switch is not, nor a duration of numpy."""
     return isinstance(value, numbers.Real) and not isinstance(value, (bool, np.timedelta64))
 
 
-def number(value):
+def number(value: Any) -> float:
     """A real number as float; NaN of anything else, and infinity of what is beyond float64."""
     try:
         return float(value) if real(value) else math.nan
@@ -130,7 +133,7 @@ class _Short(reprlib.Repr):
 _short = _Short()
 
 
-def said(value, unit="1"):
+def said(value: Any, unit: str = "1") -> str:
     """Text of any value for a message: a number with its unit, anything else in short."""
     number = real(value)
     if number and not isinstance(value, numbers.Rational):
@@ -143,7 +146,7 @@ def said(value, unit="1"):
     return text + (f" {unit}" if unit != "1" and number else "")
 
 
-def listed(names, none="nothing"):
+def listed(names: Iterable, none: str = "nothing") -> str:
     """Text of a list of names for a message, cut where it gets long."""
     names, text = [str(n) if len(str(n)) <= 60 else said(str(n)) for n in names], ""
     for i, n in enumerate(names):
@@ -153,20 +156,20 @@ def listed(names, none="nothing"):
     return text or none
 
 
-def refused(owner, name, value, must, unit="1"):
+def refused(owner: str, name: str, value: Any, must: str, unit: str = "1") -> ParameterError:
     """The error for a value that is not allowed; `must` says what it must be."""
     value = said(value, unit)
     return ParameterError(f"{owner}: {name} = {value} is not allowed; it must be {must}")
 
 
-def chosen(owner, name, value, allowed):
+def chosen(owner: str, name: str, value: Any, allowed: Iterable[str]) -> str:
     """Return `value` if it is one of the texts `allowed`, else raise `ParameterError`."""
     if not (isinstance(value, str) and value in allowed):
         raise refused(owner, name, value, f"one of {listed(map(repr, allowed))}")
     return value
 
 
-def switch(owner, name, value):
+def switch(owner: str, name: str, value: Any) -> bool:
     """Return `value` as bool if it is True or False, else raise `ParameterError`."""
     if not isinstance(value, (bool, np.bool_)):
         raise ParameterError(f"{owner}: {name} = {said(value)} is not allowed; it is a switch, "
@@ -174,28 +177,28 @@ def switch(owner, name, value):
     return bool(value)
 
 
-def texted(owner, name, value):
+def texted(owner: str, name: str, value: Any) -> str:
     """Return `value` if it is text, else raise `ParameterError`."""
     if not isinstance(value, str):
         raise refused(owner, name, value, "text")
     return value
 
 
-def function(owner, name, value):
+def function(owner: str, name: str, value: Any) -> Callable | None:
     """Return `value` if it can be called or is None, else raise `ParameterError`."""
     if not (value is None or callable(value)):
         raise refused(owner, name, value, "a function")
     return value
 
 
-def given(owner, name, value, kind, what):
+def given(owner: str, name: str, value: Any, kind: Any, what: str) -> Any:
     """Return `value` if it is of `kind`, `what` in words, else raise `ParameterError`."""
     if not isinstance(value, kind):
         raise refused(owner, name, value, what)
     return value
 
 
-def positive(owner, name, value, unit="s"):
+def positive(owner: str, name: str, value: Any, unit: str = "s") -> float:
     """Return a positive finite number as float, else raise `ParameterError`."""
     value = Param(unit=unit).check(owner, name, value)
     if value <= 0.0:
@@ -203,11 +206,11 @@ def positive(owner, name, value, unit="s"):
     return value
 
 
-def declared(f):
+def declared(f: Callable) -> tuple[tuple, dict, dict, dict, Any]:
     """Signals, parameters, kinds, defaults and output metadata of the plain function `f`.
 
-    Arguments without a default are signals, those with one are parameters; the return annotation, where there is
-    one, is a `Param` or a (nested) tuple of them.
+    Arguments without a default are signals, those with one are parameters; the return annotation,
+    where there is one, is a `Param` or a (nested) tuple of them.
     """
     signature = inspect.signature(f, eval_str=True)
     signals, params, kinds, values = [], {}, {}, {}
@@ -217,26 +220,30 @@ def declared(f):
             continue
         params[name] = _meta(a.annotation) or Param()
         kind = a.annotation.__origin__ if hasattr(a.annotation, "__metadata__") else a.annotation
-        kinds[name] = kind if kind in (int, bool, float) or get_args(kind) else bool if isinstance(a.default, bool) else float
+        if kind not in (int, bool, float) and not get_args(kind):
+            kind = bool if isinstance(a.default, bool) else float
+        kinds[name] = kind
         values[name] = params[name].check(f.__name__, name, a.default, kinds[name])
     return tuple(signals), params, kinds, values, _meta(signature.return_annotation)
 
 
 def _meta(annotation):
-    """The metadata in an annotation: ``Param(...)``, ``Annotated[float, Param(...)]``, or a tuple of these; else None."""
+    """Metadata of an annotation, ``Annotated[float, Param(...)]`` or a tuple of these, or None."""
     if isinstance(annotation, tuple) or get_origin(annotation) is tuple:
-        return tuple(map(_meta, annotation if isinstance(annotation, tuple) else get_args(annotation)))
-    return next((m for m in (annotation, *getattr(annotation, "__metadata__", ())) if isinstance(m, Param)), None)
+        parts = annotation if isinstance(annotation, tuple) else get_args(annotation)
+        return tuple(map(_meta, parts))
+    found = annotation, *getattr(annotation, "__metadata__", ())
+    return next((m for m in found if isinstance(m, Param)), None)
 
 
-def several(owner, name, values):
+def several(owner: str, name: str, values: Any) -> tuple:
     """The items of any sequence but a text, as a tuple, else `ParameterError`."""
     if isinstance(values, (str, bytes)) or not np.iterable(values):
         raise refused(owner, name, values, "a sequence of numbers")
     return tuple(values)
 
 
-def unknown(owner, name, known):
+def unknown(owner: str, name: str, known: Iterable[str]) -> ParameterError:
     """The error for a name that `owner` does not have."""
     near = difflib.get_close_matches(name, known, 1)
     return ParameterError(f"{owner} has no {said(name)}"

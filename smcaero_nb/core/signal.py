@@ -8,6 +8,8 @@ import math
 from collections.abc import Callable, Iterator
 from typing import Any
 
+from .family import written
+
 try:
     from numba import types
     from numba.extending import overload
@@ -56,8 +58,7 @@ def generated(args: str, body: Callable[..., str]) -> Callable:
         key = tuple(map(shape, a))
         if key not in made:
             names: dict[str, Any] = {"__name__": __name__, "sqrt": math.sqrt, "nan": math.nan}
-            exec(f"def f({args}): {body(*key)}", names)
-            made[key] = names["f"]
+            made[key] = written(body.__name__.strip("_"), args, body(*key), names)
         return made[key]
 
     def f(*a):
@@ -70,8 +71,8 @@ def generated(args: str, body: Callable[..., str]) -> Callable:
     return f
 
 
-#: First leaf of a signal: the output itself, without its derivatives.
-first = generated("s", lambda s: "return s" + leaves(s)[0])
+def _first(s):
+    return "return s" + leaves(s)[0]
 
 
 def _norm(s: Any) -> str:
@@ -110,9 +111,11 @@ def solution(G: Any, s: Any) -> str:
     for i in reversed(range(m)):
         rest = "".join(f" - a{i}{j}*b{j}" for j in range(i + 1, m))
         lines += [f"b{i} = (b{i}{rest})/a{i}{i} if a{i}{i} != 0.0 else nan"]
-    return "".join(f"\n    {q}" for q in [*lines, "return " + text(s, (f"b{i}" for i in range(m)))])
+    return "\n".join([*lines, "return " + text(s, (f"b{i}" for i in range(m)))])
 
 
+#: First leaf of a signal: the output itself, without its derivatives.
+first = generated("s", _first)
 #: Euclidean norm over all leaves.
 norm = generated("s", _norm)
 #: k s/size, leaf by leaf; 0 where size is 0. It divides first: tiny signals do not overflow.

@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import ParameterError
-from ..core.cache import compiled, kept
+from ..core.cache import OPTIONS, compiled, kept
 from ..core.content import fingerprint
+from ..core.family import written
 from ..core.signal import text
 from ..records import EVEN, check_samples, columns, longest_step
 from .differentiator import differentiator, orders
@@ -17,21 +18,21 @@ from .lipschitz import scale
 
 __all__ = ["differentiate"]
 
+ARGUMENTS = "t, f, out, first, L, gap, even"
 TEXT = '''
-def run(t, f, out, first, L, gap, even):
-    gaps, h = -1, inf  # the record starts as if after a gap
-    for k in range(len(t)):
-        before = h
-        if k + 1 < len(t):
-            h = t[k + 1] - t[k]
-        if not (0.0 < h < inf and abs(f[k]) < inf{uneven}):
-            return k, gaps
-        if before > gap:
-            gaps += 1
-            piece = min(gaps, len(first) - 1)
-            z = {first}
-        {out}, z = step(f[k], z, {tau}, L)
-    return len(t), gaps
+gaps, h = -1, inf  # the record starts as if after a gap
+for k in range(len(t)):
+    before = h
+    if k + 1 < len(t):
+        h = t[k + 1] - t[k]
+    if not (0.0 < h < inf and abs(f[k]) < inf{uneven}):
+        return k, gaps
+    if before > gap:
+        gaps += 1
+        piece = min(gaps, len(first) - 1)
+        z = {first}
+    {out}, z = step(f[k], z, {tau}, L)
+return len(t), gaps
 '''
 _made = {}
 
@@ -52,11 +53,9 @@ def _pass(method, blk, n_d):
                              else "",
                              out=text((None,)*(n_d + 1) if n_d else None,
                                       (f"out[{i}, k]" for i in range(n_d + 1))))
-        exec(source, names)
-        f = names["run"]
+        f = written("run", ARGUMENTS, source.strip(), names)
         if not plain:
-            f = kept(njit(nogil=True, error_model="numpy", no_cfunc_wrapper=True)(f),
-                     key[0] + source)
+            f = kept(njit(**OPTIONS)(f), key[0] + source)
             f.compile((float64[::1], float64[::1], float64[:, ::1], float64[:, ::1], float64,
                        float64, float64))
         _made[key] = f

@@ -6,8 +6,11 @@ import warnings
 from typing import Annotated
 
 from ..core import Block, Param, block
+from ..core.card import Differentiator
+from ..core.family import family, written
 from ..core.param import chosen
 from ..core.signal import first, generated, leaves, text
+from ..sources import KODE, LEVANT_2003, LEVANT_2020, LIVNE_2014
 from .coefficients import LAMBDA
 from .methods import METHODS, newton
 
@@ -108,6 +111,7 @@ def memory(n_d, unit):
     return {**z, "started": (0.0, started)}
 
 
+@family(card=Differentiator(source=(KODE, LEVANT_2003, LIVNE_2014, LEVANT_2020)))
 def differentiator(n_d: int, n_f: int = 0, method: str = "levant", of: str = "e") -> Block:
     r"""Levant's robust exact differentiator of a sampled signal, with or without a filter.
 
@@ -199,7 +203,7 @@ def differentiator(n_d: int, n_f: int = 0, method: str = "levant", of: str = "e"
     if n_d + n_f > LIMIT:
         warnings.warn(f"differentiator: n_d + n_f = {n_d + n_f} is more than float64 serves: above "
                       f"{LIMIT} rounding keeps the highest derivatives from any accuracy",
-                      UserWarning, stacklevel=2)
+                      UserWarning, stacklevel=3)
     return _made(n_d, n_f, chosen("differentiator", "method", method, METHODS),
                  chosen("differentiator", "of", of, ("e", "y")))
 
@@ -222,15 +226,12 @@ def _made(n_d, n_f, method, of):
                   help=f"bound of the derivative of order {order} of {of}"
                   + "; more than float64 serves"*(n_d + n_f > LIMIT))
     names = dict(math=math, first=first, error=error, B=Annotated[float, bound], __name__=__name__)
-    exec(newton(n_d + n_f), names)
-    exec("\n    ".join([
-        f"def {name}({of}, {'r, '*(of == 'y')}z, tau, L: B = 1.0):", f"{', '.join(x)}, started = z",
-        f"f = first({of})",
-        "if started == 0.0:", "    z_0 = f", *lines,
-        f"return {f'error(r, {out})' if of == 'y' else out}, "
-        f"({', '.join(f'n_{i}' for i in range(len(x)))}, 1.0)"]), names)
-    f = names[name]
-    f.__doc__ = _explained(x, n_d, n_f, method, of)
+    names["newton"] = written("newton", "c", newton(n_d + n_f), names)
+    estimates = f"error(r, {out})" if of == "y" else out
+    body = [f"{', '.join(x)}, started = z", f"f = first({of})", "if started == 0.0:", "    z_0 = f",
+            *lines, f"return {estimates}, ({', '.join(f'n_{i}' for i in range(len(x)))}, 1.0)"]
+    f = written(name, f"{of}, {'r, '*(of == 'y')}z, tau, L: B = 1.0", "\n".join(body), names,
+                _explained(x, n_d, n_f, method, of))
     state = {f"w_{i + 1}": (0.0, Param(f"w_{i + 1}(0)", per(f"[{of}]", i - n_f),
                                        help="filter to start with", slider=(-1.0, 1.0)))
              for i in range(n_f)}

@@ -62,31 +62,30 @@ def explicit(n_d, n_f, x, taylor=True):
 
 
 NEWTON = '''
-def newton(c):
-    r = {root}
-    X = min(c/{first!r}, max(r - {shift!r}, 0.3*r))  # nearly the root for small and large c
-    for _ in range(100):
-        q, slope = {last!r} + X, 1.0
-        {horner}
-        step = (q*X - c)/(slope*X + q)
-        X -= step
-        if abs(step) <= 1e-9*X:  # the next one would be its square
-            break
-    return X
+r = {root}
+X = min(c/{first!r}, max(r - {shift!r}, 0.3*r))  # nearly the root for small and large c
+for _ in range(100):
+    q, slope = {last!r} + X, 1.0
+    {horner}
+    step = (q*X - c)/(slope*X + q)
+    X -= step
+    if abs(step) <= 1e-9*X:  # the next one would be its square
+        break
+return X
 '''
 
 
 def newton(n):
-    """Source of a function of c > 0: the X > 0 with X (lambda_1 + X (lambda_2 + ... + X)) = c.
+    """Body of a function of c > 0: the X > 0 with X (lambda_1 + X (lambda_2 + ... + X)) = c.
 
     The left-hand side is convex and rises.
     """
     lam = LAMBDA[n]
     if n == 0:
-        return "def newton(c):\n    return c\n"
-    horner = [f"slope = slope*X + q\n        q = q*X + {lam[i]!r}" for i in reversed(range(1, n))]
+        return "return c"
+    horner = [f"slope = slope*X + q\n    q = q*X + {lam[i]!r}" for i in reversed(range(1, n))]
     return NEWTON.format(first=lam[1], last=lam[n], shift=lam[n]/(n + 1), root=root("c", n + 1),
-                         horner="\n        ".join(horner) or "pass")
+                         horner="\n    ".join(horner) or "pass").strip()
 
 
 def implicit(n_d, n_f, x):

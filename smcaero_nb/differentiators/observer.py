@@ -4,6 +4,9 @@ import functools
 from typing import Annotated
 
 from ..core import Block, Param, block
+from ..core.card import Allocation
+from ..core.family import family
+from ..sources import KODE, LEVANT_2003
 from .differentiator import LOW, differentiator, equation, memory
 
 __all__ = ["observer"]
@@ -52,6 +55,7 @@ def no_gain(values: dict) -> str | None:
     return None if values["G0"] else "G0 = 0 is not allowed; it must not be 0"
 
 
+@family(card=Allocation(source=(KODE, LEVANT_2003)))
 def observer(r: int) -> Block:
     r"""Higher-order sliding mode observer.
 

@@ -1,4 +1,4 @@
-"""Higher-order sliding mode control: sigma^(r) = xi - v, with sigma and its derivatives driven to zero."""
+"""Higher-order sliding mode control: sigma^(r) = xi - v, sigma and its derivatives to zero."""
 
 from .adaptive_continuous import adaptive_continuous
 from .integrated import integrated

@@ -1,8 +1,10 @@
-"""Continuous control by a relative degree raised by one: the law acts on the derivative of the control."""
+"""Continuous control by a relative degree raised by one: v is the derivative of the control."""
 
 from typing import Annotated
 
 from ..core import Param, block
+from ..core.card import Allocation
+from ..sources import LEVANT_1993
 
 __all__ = ["integrated"]
 
@@ -12,11 +14,16 @@ def no_gain(values):
     return None if values["G0"] else "G0 = 0 is not allowed; it must not be 0"
 
 
-@block(state=dict(integral=(0.0, Param(r"\int v", "[v] s", help="integral to start with", slider=(-10.0, 10.0)))), check=no_gain)
-def integrated(v, z, tau,
-               G0: Annotated[float, Param("G_0", "[v] s/[u]", help="nominal gain, not 0", slider=(-10.0, 10.0))] = 1.0,
-               limit: Annotated[float, Param(r"u_{max}", "[u]", low=0.0, log=True, slider=(1e-2, 1e9),
-                                             help="greatest |u|; the integral stops there")] = 1e9) -> Param("u"):
+INTEGRAL = Param(r"\int v", "[v] s", help="integral to start with", slider=(-10.0, 10.0))
+Gain = Annotated[float, Param("G_0", "[v] s/[u]", help="nominal gain, not 0", slider=(-10.0, 10.0))]
+Limit = Annotated[float,
+                  Param(r"u_{max}", "[u]", low=0.0, log=True, slider=(1e-2, 1e9),
+                        help="greatest |u|; the integral stops there")]
+
+
+@block(state=dict(integral=(0.0, INTEGRAL)), output=Param("u"), check=no_gain,
+       card=Allocation(source=(LEVANT_1993,)))
+def integrated(v, z, tau, G0: Gain = 1.0, limit: Limit = 1e9):
     r"""Continuous control from any law: an integrator between law and plant.
 
     .. math:: u = \frac{1}{G_0}\int v\,dt, \qquad |u| \le u_{max}
@@ -37,10 +44,12 @@ def integrated(v, z, tau,
 
     Notes
     -----
-    An allocation stage. With :math:`\sigma^{(r)} = \xi - G_0 u` the law sees :math:`\sigma^{(r+1)} = \dot\xi - v`: it needs
-    one derivative of sigma more, and the bound L of :math:`|\dot\xi|`. The discontinuity of v is then one of du/dt, the
-    control itself does not chatter, and an actuator slower than tau, which a discontinuous law turns into a limit cycle,
-    disturbs less. The integral takes time: a perturbation that jumps is opposed at the rate alpha L at most.
+    An allocation stage. With :math:`\sigma^{(r)} = \xi - G_0 u` the law sees
+    :math:`\sigma^{(r+1)} = \dot\xi - v`: it needs one derivative of sigma more, and the bound L of
+    :math:`|\dot\xi|`. The discontinuity of v is then one of du/dt, the control itself does not
+    chatter, and an actuator slower than tau, which a discontinuous law turns into a limit cycle,
+    disturbs less. The integral takes time: a perturbation that jumps is opposed at the rate alpha L
+    at most.
 
     References
     ----------
@@ -48,7 +57,8 @@ def integrated(v, z, tau,
 
     Examples
     --------
-    ``ClosedLoop(plant, law=quasi_continuous(3).with_(L=0.5), allocation=integrated, ...)`` for a plant of relative degree 2.
+    ``ClosedLoop(plant, law=quasi_continuous(3).with_(L=0.5), allocation=integrated, ...)`` for a
+    plant of relative degree 2.
     """
     integral, = z
     most = limit*abs(G0)

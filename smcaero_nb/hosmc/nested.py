@@ -1,9 +1,13 @@
-r"""Nested higher-order sliding mode control: a relay whose switching surface is another relay's, and so on."""
+"""Nested higher-order sliding mode control: a relay that switches on another relay, and so on."""
 
 import math
+from dataclasses import replace
 
+from ..core import Block
+from ..core.family import family
 from ..core.signal import sign
-from .homogeneous import law, order
+from ..sources import KODE, LEVANT_2003
+from .homogeneous import CARD, law, order
 
 __all__ = ["nested"]
 
@@ -28,9 +32,10 @@ def nested_4(s0, s1, s2, s3):
 
 
 def nested_5(s0, s1, s2, s3, s4):
-    """sign(s4 + 8 N_4 sign(s3 + 1.8 N_3 sign(s2 + 0.8 N_2 sign(s1 + 0.35 N_1 sign(s0))))), q = 60."""
+    """sign(s4 + 8 N4 sign(s3 + 1.8 N3 sign(s2 + 0.8 N2 sign(s1 + 0.35 N1 sign(s0))))), q = 60."""
     p0, p1, p2, p3 = abs(s0)**12.0, abs(s1)**15.0, abs(s2)**20.0, abs(s3)**30.0
-    n1, n2, n3, n4 = abs(s0)**(4/5), (p0 + p1)**(1/20), (p0 + p1 + p2)**(1/30), (p0 + p1 + p2 + p3)**(1/60)
+    n1, n2 = abs(s0)**(4/5), (p0 + p1)**(1/20)
+    n3, n4 = (p0 + p1 + p2)**(1/30), (p0 + p1 + p2 + p3)**(1/60)
     return sign(s4 + 8.0*n4*sign(s3 + 1.8*n3*sign(s2 + 0.8*n2*sign(s1 + 0.35*n1*sign(s0)))))
 
 
@@ -40,17 +45,25 @@ LAWS = {
     2: (nested_2, 2.0, r"\Psi = \mathrm{sign}(s_1 + |s_0|^{1/2}\mathrm{sign}(s_0))"),
     3: (nested_3, 8.0, r"\Psi = \mathrm{sign}(s_2 + 2 (|s_1|^3 + |s_0|^2)^{1/6}"
         r"\,\mathrm{sign}(s_1 + |s_0|^{2/3}\mathrm{sign}(s_0)))"),
-    4: (nested_4, 20.0, r"\Psi = \mathrm{sign}(s_3 + 3 (s_2^6 + s_1^4 + |s_0|^3)^{1/12}\,\mathrm{sign}(s_2 "
-        r"+ (s_1^4 + |s_0|^3)^{1/6}\,\mathrm{sign}(s_1 + \tfrac12 |s_0|^{3/4}\mathrm{sign}(s_0))))"),
-    5: (nested_5, 120.0, r"\Psi_0 = \mathrm{sign}(s_0),\quad N_i = \Big(\sum_{j<i} |s_j|^{60/(5-j)}\Big)^{(5-i)/60},\quad "
-        r"\Psi_i = \mathrm{sign}(s_i + b_i N_i \Psi_{i-1}),\quad \Psi = \Psi_4,\quad b = (0.35, 0.8, 1.8, 8)"),
+    4: (nested_4, 20.0, r"\Psi = \mathrm{sign}(s_3 + 3 (s_2^6 + s_1^4 + |s_0|^3)^{1/12}"
+        r"\,\mathrm{sign}(s_2 + (s_1^4 + |s_0|^3)^{1/6}"
+        r"\,\mathrm{sign}(s_1 + \tfrac12 |s_0|^{3/4}\mathrm{sign}(s_0))))"),
+    5: (nested_5, 120.0, r"\Psi_0 = \mathrm{sign}(s_0),\quad "
+        r"N_i = \Big(\sum_{j<i} |s_j|^{60/(5-j)}\Big)^{(5-i)/60},\quad "
+        r"\Psi_i = \mathrm{sign}(s_i + b_i N_i \Psi_{i-1}),\quad "
+        r"\Psi = \Psi_4,\quad b = (0.35, 0.8, 1.8, 8)"),
 }
 
 
-def nested(r):
+NESTED = replace(CARD, source=(KODE, LEVANT_2003))
+
+
+@family(card=NESTED)
+def nested(r: int) -> Block:
     r"""Nested higher-order sliding mode control: v is +alpha L or -alpha L.
 
-    .. math:: v = \alpha L\,\Psi_r(\sigma/L, \dot\sigma/L, ..., \sigma^{(r-1)}/L), \qquad \Psi_r \in \{-1, 0, 1\}
+    .. math:: v = \alpha L\,\Psi_r(\sigma/L, \dot\sigma/L, ..., \sigma^{(r-1)}/L), \qquad
+        \Psi_r \in \{-1, 0, 1\}
 
     Parameters
     ----------
@@ -60,8 +73,8 @@ def nested(r):
     Returns
     -------
     Block
-        A law of the tuple (sigma, sigma', ..., sigma^(r-1)), or of the number sigma where r = 1, with parameters `alpha`,
-        `L`, `lam`.
+        A law of the tuple (sigma, sigma', ..., sigma^(r-1)), or of the number sigma where r = 1,
+        with parameters `alpha`, `L`, `lam`.
 
     Raises
     ------
@@ -70,11 +83,13 @@ def nested(r):
 
     Notes
     -----
-    v chatters also on the way to sigma = 0, where it slides from one inner surface to the next; `quasi_continuous` does not.
-    Sampled every tau, :math:`|\sigma^{(i)}| \sim \tau^{r-i}`; large gains need small tau.
+    v chatters also on the way to sigma = 0, where it slides from one inner surface to the next;
+    `quasi_continuous` does not. Sampled every tau, :math:`|\sigma^{(i)}| \sim \tau^{r-i}`; large
+    gains need small tau.
 
-    Order 5 is experimental: no coefficients for it were found in print. With those here, sampled every 0.5 ms, the gains 60
-    and 100 to 160 settled in all of 80 trials, 70 to 90 in all but one to four of 40.
+    Order 5 is experimental: no coefficients for it were found in print. With those here, sampled
+    every 0.5 ms, the gains 60 and 100 to 160 settled in all of 80 trials, 70 to 90 in all but one
+    to four of 40.
 
     Erratum: (28) prints alpha {...}; it is alpha sign{...}.
 
@@ -89,13 +104,15 @@ def nested(r):
     """
     r = order("nested", r, 1, 5)
     psi, alpha, equation = LAWS[r]
-    notes = ("Discontinuous wherever Psi changes its sign. Sampled every tau, sigma^(i) is of the order tau^(r-i). The default\n"
-             "    alpha settled in every trial.")
+    notes = ("Discontinuous wherever Psi changes its sign. Sampled every tau, sigma^(i) is of the\n"
+             "    order tau^(r-i). The default alpha settled in every trial.")
     if r == 4:
         notes += "\n\n    Erratum: (28) prints alpha {...}; it is alpha sign{...}."
     if r == 5:
-        notes += ("\n\n    Experimental: these b were found by search, not in print; they want tau of 5e-4 s or less. Sizes of\n"
-                  "    s_3 above 1e10 overflow.")
-    return law(f"nested_{r}" + "_experimental"*(r == 5), r, psi, alpha, said="experimental; " if r == 5 else "",
-               title="Nested sliding mode control" + (" (experimental)" if r == 5 else ""), equation=equation, notes=notes,
+        notes += ("\n\n    Experimental: these b were found by search, not in print; they want a\n"
+                  "    tau of 5e-4 s or less. Sizes of s_3 above 1e10 overflow.")
+    return law(f"nested_{r}" + "_experimental"*(r == 5), r, psi, alpha, NESTED,
+               said="experimental; " if r == 5 else "",
+               title="Nested sliding mode control" + (" (experimental)" if r == 5 else ""),
+               equation=equation, notes=notes,
                references="Paper eq (28). A. Levant, Int. J. Control 76 (2003) 924.")

@@ -1,10 +1,14 @@
-r"""Quasi-continuous higher-order sliding mode control: discontinuous at sigma = sigma' = ... = 0 only."""
+"""Quasi-continuous higher-order sliding mode control: discontinuous only where sigma slides."""
 
 import math
+from dataclasses import replace
 
+from ..core import Block
+from ..core.family import family
 from ..core.param import chosen
 from ..core.signal import sign
-from .homogeneous import law, order, power, ratio
+from ..sources import DING_2016, KODE, LEVANT_2005
+from .homogeneous import CARD, law, order, power, ratio
 
 __all__ = ["quasi_continuous"]
 
@@ -73,42 +77,52 @@ FAMILIES = {
     "rational": {
         1: (sign, 1.5, r"\Psi = \mathrm{sign}(s_0)"),
         2: (rational_2, 3.0, r"\Psi = \frac{\lfloor s_1\rceil^2 + s_0}{|s_1|^2 + |s_0|}"),
-        3: (rational_3, 8.0, r"\Psi = \frac{\lfloor s_2\rceil^3 + \lfloor s_1\rceil^{3/2} + s_0}{|s_2|^3 + |s_1|^{3/2} + |s_0|}"),
-        4: (rational_4, 14.0, r"\Psi = \frac{\lfloor s_3\rceil^4 + 2\lfloor s_2\rceil^2 + 2\lfloor s_1\rceil^{4/3} + s_0}"
-            r"{|s_3|^4 + 2|s_2|^2 + 2|s_1|^{4/3} + |s_0|}"),
-        5: (rational_5, 30.0, r"\Psi = \frac{\lfloor s_4\rceil^5 + 6\lfloor s_3\rceil^{5/2} + 5\lfloor s_2\rceil^{5/3} "
-            r"+ 3\lfloor s_1\rceil^{5/4} + s_0}{|s_4|^5 + 6|s_3|^{5/2} + 5|s_2|^{5/3} + 3|s_1|^{5/4} + |s_0|}"),
+        3: (rational_3, 8.0, r"\Psi = \frac{\lfloor s_2\rceil^3 + \lfloor s_1\rceil^{3/2} + s_0}"
+            r"{|s_2|^3 + |s_1|^{3/2} + |s_0|}"),
+        4: (rational_4, 14.0, r"\Psi = \frac{\lfloor s_3\rceil^4 + 2\lfloor s_2\rceil^2 "
+            r"+ 2\lfloor s_1\rceil^{4/3} + s_0}{|s_3|^4 + 2|s_2|^2 + 2|s_1|^{4/3} + |s_0|}"),
+        5: (rational_5, 30.0, r"\Psi = \frac{\lfloor s_4\rceil^5 + 6\lfloor s_3\rceil^{5/2} "
+            r"+ 5\lfloor s_2\rceil^{5/3} + 3\lfloor s_1\rceil^{5/4} + s_0}"
+            r"{|s_4|^5 + 6|s_3|^{5/2} + 5|s_2|^{5/3} + 3|s_1|^{5/4} + |s_0|}"),
     },
     "levant2005": {
         1: (sign, 1.5, r"\Psi = \mathrm{sign}(s_0)"),
-        2: (levant_2, 3.0, r"\Psi = \frac{s_1 + |s_0|^{1/2}\mathrm{sign}(s_0)}{|s_1| + |s_0|^{1/2}}"),
+        2: (levant_2, 3.0, r"\Psi = \frac{s_1 + |s_0|^{1/2}\mathrm{sign}(s_0)}"
+            r"{|s_1| + |s_0|^{1/2}}"),
         3: (levant_3, 14.0, "b = (1, 2)"),
         4: (levant_4, 20.0, r"b = (\tfrac12, 1, 3)"),
         5: (levant_5, 50.0, "b = (0.35, 0.8, 1.8, 5)"),
     },
 }
-RECURSION = (r"\Psi_0 = \mathrm{sign}(s_0),\quad N_0 = |s_0|,\quad a_i = b_i N_{i-1}^{(r-i)/(r-i+1)},\quad "
-             r"N_i = |s_i| + a_i,\quad \Psi_i = \frac{s_i + a_i\Psi_{i-1}}{N_i},\quad \Psi = \Psi_{r-1},\quad ")
+RECURSION = (r"\Psi_0 = \mathrm{sign}(s_0),\quad N_0 = |s_0|,\quad "
+             r"a_i = b_i N_{i-1}^{(r-i)/(r-i+1)},\quad "
+             r"N_i = |s_i| + a_i,\quad \Psi_i = \frac{s_i + a_i\Psi_{i-1}}{N_i},\quad "
+             r"\Psi = \Psi_{r-1},\quad ")
 
 
-def quasi_continuous(r, family="rational"):
-    r"""Quasi-continuous higher-order sliding mode control: continuous except where sigma and its derivatives are 0.
+QUASI_CONTINUOUS = replace(CARD, source=(KODE, LEVANT_2005, DING_2016))
 
-    .. math:: v = \alpha L\,\Psi_r(\sigma/L, \dot\sigma/L, ..., \sigma^{(r-1)}/L), \qquad |\Psi_r| \le 1
+
+@family(card=QUASI_CONTINUOUS)
+def quasi_continuous(r: int, family: str = "rational") -> Block:
+    r"""Quasi-continuous higher-order sliding mode control: continuous but where sigma slides.
+
+    .. math:: v = \alpha L\,\Psi_r(\sigma/L, \dot\sigma/L, ..., \sigma^{(r-1)}/L), \qquad
+        |\Psi_r| \le 1
 
     Parameters
     ----------
     r : int
         Relative degree, 1 to 5; 1 is the relay.
     family : str
-        ``"rational"``, one fraction, the paper's form; or ``"levant2005"``, the recursive form, which needs larger gains
-        from r = 3 on.
+        ``"rational"``, one fraction, the paper's form; or ``"levant2005"``, the recursive form,
+        which needs larger gains from r = 3 on.
 
     Returns
     -------
     Block
-        A law of the tuple (sigma, sigma', ..., sigma^(r-1)), or of the number sigma where r = 1, with parameters `alpha`,
-        `L`, `lam`.
+        A law of the tuple (sigma, sigma', ..., sigma^(r-1)), or of the number sigma where r = 1,
+        with parameters `alpha`, `L`, `lam`.
 
     Raises
     ------
@@ -117,19 +131,22 @@ def quasi_continuous(r, family="rational"):
 
     Notes
     -----
-    v is continuous but for the point :math:`\sigma = \dot\sigma = ... = 0`, where it is set to 0: it chatters once sigma = 0 is
-    reached, not on the way there, as a nested law does. Sampled every tau, :math:`|\sigma^{(i)}| \sim \tau^{r-i}`.
+    v is continuous but for the point :math:`\sigma = \dot\sigma = ... = 0`, where it is set to 0:
+    it chatters once sigma = 0 is reached, not on the way there, as a nested law does. Sampled every
+    tau, :math:`|\sigma^{(i)}| \sim \tau^{r-i}`.
 
-    :math:`\Psi_r` is v with alpha = L = lam = 1. The default gains alpha settle the chain of r integrators from any direction,
-    against sine, constant and sign-feedback perturbations up to the bound L.
+    :math:`\Psi_r` is v with alpha = L = lam = 1. The default gains alpha settle the chain of r
+    integrators from any direction, against sine, constant and sign-feedback perturbations up to the
+    bound L.
 
-    Erratum: (27) prints 6 as the coefficient of the first derivative; it is 3. With alpha = 20, which settles all of 40 trials
-    within 40 s with 3, most fail to with 6, and some still oscillate after 600 s.
+    Erratum: (27) prints 6 as the coefficient of the first derivative; it is 3. With alpha = 20,
+    which settles all of 40 trials within 40 s with 3, most fail to with 6, and some still oscillate
+    after 600 s.
 
     References
     ----------
-    Paper eq (27). A. Levant, IEEE Trans. Automatic Control 50 (2005) 1812. S. Ding, A. Levant and S. Li, Automatica 67
-    (2016) 22.
+    Paper eq (27). A. Levant, IEEE Trans. Automatic Control 50 (2005) 1812. S. Ding, A. Levant and
+    S. Li, Automatica 67 (2016) 22.
 
     Examples
     --------
@@ -140,12 +157,14 @@ def quasi_continuous(r, family="rational"):
     r = order("quasi_continuous", r, 1, 5)
     psi, alpha, equation = FAMILIES[family][r]
     rational = family == "rational"
-    notes = ("Continuous but at sigma = sigma' = ... = 0. Sampled every tau, sigma^(i) is of the order tau^(r-i). The default\n"
-             "    alpha settled in every trial. Output feedback needs a differentiator of order r - 1.")
+    notes = ("Continuous but at sigma = sigma' = ... = 0. Sampled every tau, sigma^(i) is of the\n"
+             "    order tau^(r-i). The default alpha settled in every trial. Output feedback\n"
+             "    needs a differentiator of order r - 1.")
     if r == 5 and rational:
         notes += "\n\n    Erratum: (27) prints the coefficient 6 for the first derivative; it is 3."
     source = ("S. Ding, A. Levant and S. Li, Automatica 67 (2016) 22." if rational
               else "A. Levant, IEEE Trans. Automatic Control 50 (2005) 1812.")
     return law(f"quasi_continuous_{r}" if rational else f"levant2005_{r}", r, psi, alpha,
-               title="Quasi-continuous sliding mode control", equation=equation if rational or r < 3 else RECURSION + equation,
-               notes=notes, references=f"Paper eq (27). {source}")
+               QUASI_CONTINUOUS, title="Quasi-continuous sliding mode control",
+               equation=equation if rational or r < 3 else RECURSION + equation, notes=notes,
+               references=f"Paper eq (27). {source}")

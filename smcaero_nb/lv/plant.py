@@ -3,6 +3,8 @@
 from typing import Annotated
 
 from ..core import Param, block
+from ..core.card import Output, Plant
+from ..sources import KODE
 
 __all__ = ["launcher", "launcher_with_drift", "pitch", "pitch_and_acceleration"]
 
@@ -77,7 +79,7 @@ def motion(x, u, d, angle, I, C_Na, qbar, S, l_a, l_g, R, S_n, I_n, phi_g, psi_g
     return (u + d - servo)/tau_act, dbeta, ddbeta, dtheta, ddtheta, deta, ddeta
 
 
-@block(state=STATES)
+@block(card=Plant(source=(KODE,)), state=STATES)
 def launcher(x, u, d, I: Inertia = 1.35582e8, C_Na: NormalForce = 8.0, qbar: Pressure = 47880.3,
              S: Area = 9.2903, l_a: ArmAir = 15.24, l_g: ArmGimbal = 22.86, R: Thrust = 4.44822e6,
              S_n: EngineMoment = 444.82, I_n: EngineInertia = 1355.8,
@@ -134,7 +136,8 @@ def launcher(x, u, d, I: Inertia = 1.35582e8, C_Na: NormalForce = 8.0, qbar: Pre
                   omega_b, zeta_b, tau_act, omega_e, zeta_e, coupling, bending)
 
 
-@block(state={**STATES, "dz": (0.0, Param(r"\dot z", "m/s", slider=(-50.0, 50.0),
+@block(card=Plant(source=(KODE,)),
+       state={**STATES, "dz": (0.0, Param(r"\dot z", "m/s", slider=(-50.0, 50.0),
                                           help="drift velocity"))})
 def launcher_with_drift(
         x, u, d, I: Inertia = 1.35582e8, C_Na: NormalForce = 8.0, qbar: Pressure = 47880.3,
@@ -188,7 +191,7 @@ def launcher_with_drift(
     return (*rates, gbar*x[3] + (C_Na*qbar*S/M)*angle + (R/M)*x[1] + (S_n/M)*reaction)
 
 
-@block(output=(PITCH, RATE))
+@block(card=Output(source=(KODE,)), output=(PITCH, RATE))
 def pitch(x):
     r"""Pitch angle and rate at the sensor.
 
@@ -215,7 +218,7 @@ def pitch(x):
     return x[3] + x[5], x[4] + x[6]
 
 
-@block(output=(PITCH, RATE, ACCELERATION))
+@block(card=Output(source=(KODE,)), output=(PITCH, RATE, ACCELERATION))
 def pitch_and_acceleration(
         x, I: Inertia = 1.35582e8, C_Na: NormalForce = 8.0, qbar: Pressure = 47880.3,
         S: Area = 9.2903, l_a: ArmAir = 15.24, l_g: ArmGimbal = 22.86, R: Thrust = 4.44822e6,

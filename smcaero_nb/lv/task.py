@@ -4,11 +4,13 @@ import math
 from typing import Annotated
 
 from ..core import Param, block
+from ..core.card import Actuator, Allocation, Perturbation, Reference
+from ..sources import KODE
 
 __all__ = ["gimbal", "gimbal_to_control", "misalignment", "steps"]
 
 
-@block(output=Param(r"\theta_c", "rad"))
+@block(card=Reference(source=(KODE,)), output=Param(r"\theta_c", "rad"))
 def steps(t, unit: Annotated[float, Param(
         "unit", "rad", slider=(0.0, 0.1),
         help="rad in one unit of the command; pi/180 means degrees")] = math.pi/180):
@@ -48,7 +50,7 @@ def steps(t, unit: Annotated[float, Param(
     return c*unit
 
 
-@block(output=Param("f", "rad"))
+@block(card=Perturbation(source=(KODE,)), output=Param("f", "rad"))
 def misalignment(
         t,
         f_0: Annotated[float, Param("f_0", "rad", slider=(-0.5, 0.5), help="constant part")] = 0.2,
@@ -87,7 +89,7 @@ def misalignment(
     return f_0 + f_1*math.sin(omega*t)
 
 
-@block(output=Param("u", "rad"))
+@block(card=Allocation(source=(KODE,)), output=Param("u", "rad"))
 def gimbal_to_control(v, G0: Annotated[float, Param(
         "G_0", "[v]/rad", high=-1e-6, slider=(-10.0, -0.1),
         help="nominal gain of u, negative like the plant's")] = -1.0):
@@ -122,7 +124,7 @@ def gimbal_to_control(v, G0: Annotated[float, Param(
     return v/G0
 
 
-@block(output=Param("u", "rad"),
+@block(card=Actuator(), output=Param("u", "rad"),
        state=dict(beta_c=(0.0, Param(r"\beta_c", "rad", slider=(-0.5, 0.5),
                                      help="initial command"))))
 def gimbal(u, z, tau,

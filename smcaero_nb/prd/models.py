@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..core import Block, BlockError, ClosedLoop, ParameterError, block, simulate
+from ..core.family import written
 from ..core.param import given
 from ..core.signal import flat
 from ..core.writer import inputs
@@ -158,12 +159,12 @@ def _block(source, output, surface, h, amplitude, most=COMPILED):
                                                  for n in plant.signals)),
                    plant.z0, h, most)
     heights = [f"u_{j}" for j in range(m)]
-    names = {}
-    exec(f"def step(t, start=0.0, {', '.join(f'{q}=0.0' for q in heights)}):\n"
-         "    on = 1.0 if t >= start else 0.0\n"
-         f"    return {', '.join(f'on*{q}' for q in heights)}", names)
+    step = written("step", f"t, start=0.0, {', '.join(f'{q}=0.0' for q in heights)}",
+                   "on = 1.0 if t >= start else 0.0\n"
+                   f"return {', '.join(f'on*{q}' for q in heights)}",
+                   {"__name__": __name__})
     loop = ClosedLoop(plant, output=output, surface=surface,
-                      law=block(names["step"]).with_(start=(REST - 0.5)*h),
+                      law=block(step).with_(start=(REST - 0.5)*h),
                       perturbation=block(lambda t: d))
 
     def moved(**height):

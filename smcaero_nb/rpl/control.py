@@ -4,9 +4,11 @@ import math
 from typing import Annotated
 
 from ..core import Param, block
+from ..core.card import Allocation, Baseline, Law
 from ..pid import pid
 from ..smc1.adaptive import Gamma, grown
 from ..smc2 import adaptive_super_twisting
+from ..sources import KODE
 from .pulses import (
     Amplitude,
     Band1,
@@ -39,7 +41,9 @@ def accepted(t, values):
     return dead_band(t, *(values[n] for n in dead_band.params))
 
 
-@block(check=ordered, band=accepted, output=Param("v"), state=dict(
+@block(card=Law(r=1, adaptive=True, needs="that |xi| is bounded", band=accepted,
+                guarantees="|sigma| of the size of the dead band", source=(KODE,)),
+       check=ordered, output=Param("v"), state=dict(
     rho=(0.08, Param(r"\rho(0)", "[v]", low=0.0, slider=(0.0, 3.0), help="initial gain")),
     held=(0.0, Param("s(0)", low=-1.0, high=1.0, hidden=True, help="sign before the start"))))
 def off_pulse_smc(t, sigma, z, tau, gamma: Gamma = 0.3,
@@ -122,7 +126,7 @@ def crossed(values):
                 f"high = {values['high']:g} [v]: the limits cross")
 
 
-@block(check=crossed, output=Param("v"),
+@block(card=adaptive_super_twisting.card, check=crossed, output=Param("v"),
        state={n: (0.0, m) for n, m in adaptive_super_twisting.states.items()})
 def super_twisting_within(sigma, z, tau,
                           gamma: Annotated[float, STW["gamma"]] = 0.04,
@@ -168,7 +172,8 @@ def super_twisting_within(sigma, z, tau,
     return v, (lam, z[1] if waits and outward(v, sigma, low, high) else w)
 
 
-@block(check=crossed, output=Param("v"), state={n: (0.0, m) for n, m in pid.states.items()})
+@block(card=Baseline(source=(KODE,)),
+       check=crossed, output=Param("v"), state={n: (0.0, m) for n, m in pid.states.items()})
 def pid_within(e, z, tau,
                k_p: Annotated[float, PID["k_p"]] = 10.0,
                k_i: Annotated[float, PID["k_i"]] = 0.1,
@@ -212,7 +217,7 @@ def pid_within(e, z, tau,
     return v, (integral if waits and outward(v, e[0], low, high) else integral + tau*e[0],)
 
 
-@block(output=(Param("u_a", "N"), Param("u_d", "N")))
+@block(card=Allocation(source=(KODE,)), output=(Param("u_a", "N"), Param("u_d", "N")))
 def allocation(y, v,
                m: Annotated[float, Param("m_0", "kg", low=1.0, slider=(500.0, 2000.0),
                                          help="mass that the control assumes")] = 1000.0,

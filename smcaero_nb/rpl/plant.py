@@ -4,6 +4,8 @@ import math
 from typing import Annotated
 
 from ..core import Param, block
+from ..core.card import Output, Part, Perturbation, Plant, Reference, Stop
+from ..sources import KODE
 
 __all__ = ["altitude", "attitude_and_altitude", "command", "governed_command", "lander",
            "left_right", "perturbations"]
@@ -32,7 +34,7 @@ ArmDescent = Annotated[float, Param(
     help="arm of the descent thrusters, which matters if more work on one side")]
 
 
-@block(output=(Param("u_l", "N"), Param("u_r", "N")))
+@block(card=Part(source=(KODE,)), output=(Param("u_l", "N"), Param("u_r", "N")))
 def left_right(u):
     r"""Allocate the descent thrust to the two sides of the lander.
 
@@ -63,7 +65,7 @@ def upright(values):
                 f"pushes the lander down")
 
 
-@block(check=upright, state=dict(
+@block(card=Plant(source=(KODE,)), check=upright, state=dict(
     theta=(1.6, Param(r"\theta(0)", "rad", slider=(0.5, 2.6),
                       help="initial pitch; pi/2 is upright")),
     dtheta=(0.1, Param(r"\dot\theta(0)", "rad/s", slider=(-0.5, 0.5), help="initial pitch rate")),
@@ -134,7 +136,8 @@ def lander(x, u, d, m: Mass = 1000.0, J: Inertia = 300.0, l_a: Arm = 2.8, g_m: G
             x[3], math.sin(x[0])*(attitude + u_l + u_r)/m - g_m + d[1])
 
 
-@block(output=((Param(r"\theta", "rad"), Param(r"\dot\theta", "rad/s")),
+@block(card=Output(source=(KODE,)),
+       output=((Param(r"\theta", "rad"), Param(r"\dot\theta", "rad/s")),
                (Param("x", "m", low=-1e6, high=1e6), Param(r"\dot x", "m/s"))))
 def attitude_and_altitude(x):
     r"""Attitude and altitude, each with its rate.
@@ -158,7 +161,7 @@ def attitude_and_altitude(x):
     return (x[0], x[1]), (x[2], x[3])
 
 
-@block(output=Param("x", "m"))
+@block(card=Stop(), output=Param("x", "m"))
 def altitude(x):
     r"""Remaining altitude, for the stage `stop`: the run ends at touchdown.
 
@@ -185,7 +188,7 @@ Printed = Annotated[bool, Param(
     "printed", help="coefficients as the paper rounds them: a crash, even if followed exactly")]
 
 
-@block
+@block(card=Reference(source=(KODE,)))
 def command(t, printed: Printed = False):
     r"""Commands: upright, and a cubic descent from 6000 m at -10 m/s to rest on the ground.
 
@@ -216,7 +219,7 @@ def command(t, printed: Printed = False):
     return (0.5*math.pi, 0.0), (((a*t + b)*t - 10.0)*t + 6000.0, (3.0*a*t + 2.0*b)*t - 10.0)
 
 
-@block
+@block(card=Reference(source=(KODE,)))
 def governed_command(t, printed: Printed = False,
                      T_r: Annotated[float, Param(
                          "T_r", "s", low=1.0, slider=(10.0, 120.0),
@@ -264,7 +267,8 @@ def governed_command(t, printed: Printed = False,
                    v - 30.0*height*s*s*(1.0 - s)*(1.0 - s)/T_r)
 
 
-@block(output=(Param(r"\varphi_a", "rad/s^2"), Param(r"\varphi_d", "m/s^2")))
+@block(card=Perturbation(source=(KODE,)),
+       output=(Param(r"\varphi_a", "rad/s^2"), Param(r"\varphi_d", "m/s^2")))
 def perturbations(t,
                   phi_a: Annotated[float, Param(r"\varphi_a", "rad/s^2", low=0.0, slider=(0.0, 0.2),
                                                 help="amplitude, attitude")] = 0.06,

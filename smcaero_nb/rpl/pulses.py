@@ -5,8 +5,10 @@ from collections.abc import Iterable, Sequence
 from typing import Annotated
 
 from ..core import Param, ParameterError, block
+from ..core.card import Actuator, Part
 from ..core.param import refused
 from ..core.signal import sign
+from ..sources import KODE
 
 __all__ = ["dead_band", "dead_bands", "dither", "modified_sign", "pulse_modulator",
            "sample_and_hold", "thruster"]
@@ -38,7 +40,7 @@ HELD = dict(held=(0.0, Param("u_h", "N", hidden=True,
                              help="thrust that is held; the first sample replaces it")))
 
 
-@block(output=Param(r"\Delta", "[sigma]"))
+@block(card=Part(source=(KODE,)), output=Param(r"\Delta", "[sigma]"))
 def dither(t, a: Amplitude = 0.05, omega: Frequency = 20.0):
     r"""Dither, to be added to a sliding variable.
 
@@ -78,7 +80,7 @@ def ordered(values):
                 f"it must be at most t_2 = {values['t_2']:g} s")
 
 
-@block(check=ordered, output=Param(r"\delta", "[sigma]"))
+@block(card=Part(source=(KODE,)), check=ordered, output=Param(r"\delta", "[sigma]"))
 def dead_band(t, delta_1: Band1 = 0.05, delta_2: Band2 = 0.025, delta_3: Band3 = 0.01,
               t_1: Time1 = 100.0, t_2: Time2 = 200.0):
     r"""Time-varying dead band: wide at first, for sparse pulses, narrow at the end, for accuracy.
@@ -170,7 +172,7 @@ def dead_bands(table: Iterable[Sequence[float]]) -> dict[str, float]:
     return dict(delta_1=delta_1, delta_2=delta_2, delta_3=delta_3, t_1=t_1, t_2=t_2)
 
 
-@block(output=Param("s"),
+@block(card=Part(source=(KODE,)), output=Param("s"),
        state=dict(held=(0.0, Param("s(0)", low=-1.0, high=1.0, help="sign before the start"))))
 def modified_sign(sigma, z, delta: Band = 0.05, hysteresis: Hysteresis = True,
                   coasts: Coasts = True):
@@ -219,7 +221,7 @@ def modified_sign(sigma, z, delta: Band = 0.05, hysteresis: Hysteresis = True,
     return s, (s,)
 
 
-@block(state=HELD, output=Param("u", "N"))
+@block(card=Actuator(source=(KODE,)), state=HELD, output=Param("u", "N"))
 def sample_and_hold(t, u, z, tau, pulse: Pulse = 0.05):
     r"""Sample and hold: the thrust changes only every `pulse` seconds.
 
@@ -259,7 +261,7 @@ def crossed(values):
                 f"high = {values['high']:g} N: they cross")
 
 
-@block(state=HELD, check=crossed, output=Param("u", "N"))
+@block(card=Actuator(source=(KODE,)), state=HELD, check=crossed, output=Param("u", "N"))
 def thruster(t, u, z, tau, low: Low = -15.0, high: High = 15.0, pulse: Pulse = 0.05):
     r"""Thrusters with limits, held for a minimum duration.
 
@@ -293,7 +295,8 @@ def thruster(t, u, z, tau, low: Low = -15.0, high: High = 15.0, pulse: Pulse = 0
     return sample_and_hold(t, max(low, min(high, u)), z, tau, pulse)
 
 
-@block(state={"owed": (0.0, Param("q", "N s", help="impulse owed at the start")), **HELD},
+@block(card=Actuator(source=(KODE,)),
+       state={"owed": (0.0, Param("q", "N s", help="impulse owed at the start")), **HELD},
        check=crossed, output=Param("u", "N"))
 def pulse_modulator(t, u, z, tau, low: Low = -15.0, high: High = 15.0, pulse: Pulse = 0.05):
     r"""Pulse modulation of a continuous thrust: full thrust or none, the same impulse.

@@ -193,9 +193,10 @@ def pulses(run: Run, intervals: Sequence[float] = (0.0, 100.0, 200.0, 240.0)
         raise refused("pulses", "intervals", intervals, "two times [s] or more that increase")
     apart = np.diff(t).max() if len(t) > 1 else math.inf
     if apart > tau*(1 + 1e-9):
+        rows = round((run.steps*run.tau if run.loop.duration is None else run.loop.duration)/tau)
         raise ParameterError(
             f"pulses: the run has a row every {apart:g} s; it must have one every tau = {tau:g} s: "
-            f"simulate(..., record={round(run.loop.duration/tau)})")
+            f"simulate(..., record={rows})")
     attitude, descent = (_train(t, u, float(mean), ends)
                          for u, mean in zip(run.u, run.mean_u, strict=True))
     return attitude, descent

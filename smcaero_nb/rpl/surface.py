@@ -4,7 +4,9 @@ import math
 from typing import Annotated
 
 from ..core import Param, block
+from ..core.card import Part, Surface
 from ..core.signal import first
+from ..sources import KODE
 
 __all__ = ["braking", "braking_surface", "conditional_integral"]
 
@@ -26,7 +28,7 @@ Most = Annotated[float, Param("w_{max}", "[sigma]", low=0.0, slider=(0.0, 1.0),
 TERM = dict(w=(0.0, Param("w(0)", "[sigma]", slider=(-0.1, 0.1), help="initial integral term")))
 
 
-@block(output=Param("f(e)", "[sigma]"))
+@block(card=Part(), output=Param("f(e)", "[sigma]"))
 def braking(e, c_0: Slope = 7.0, a_b: Brake = 0.05):
     r"""Extension: speed at which an error may be left to brake in time, linear near 0.
 
@@ -60,7 +62,7 @@ def braking(e, c_0: Slope = 7.0, a_b: Brake = 0.05):
     return c_0*e if size <= e_L else math.copysign(math.sqrt(2.0*a_b*(size - 0.5*e_L)), e)
 
 
-@block(state=TERM, output=Param("w", "[sigma]"))
+@block(card=Part(), state=TERM, output=Param("w", "[sigma]"))
 def conditional_integral(e, z, tau, c_int: IntegralGain = 25.0, e_I: Near = 0.003,
                          w_max: Most = 0.0063):
     r"""Extension: integral term that counts near e = 0 only, and is reset outside.
@@ -92,7 +94,7 @@ def conditional_integral(e, z, tau, c_int: IntegralGain = 25.0, e_I: Near = 0.00
     return w, (max(-w_max, min(w_max, w + tau*c_int*e)) if abs(e) < e_I else 0.0,)
 
 
-@block(state=TERM, output=Param(r"\sigma"))
+@block(card=Surface(source=(KODE,)), state=TERM, output=Param(r"\sigma"))
 def braking_surface(e, z, tau, c_0: Slope = 7.0, c_int: IntegralGain = 25.0,
                     limited: Limited = True, a_b: Brake = 0.05, conditional: Conditional = True,
                     e_I: Near = 0.003, w_max: Most = 0.0063):

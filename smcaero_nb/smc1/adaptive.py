@@ -1,18 +1,27 @@
-"""First-order sliding mode control with a gain that grows until sigma is small; no bound of the perturbation is needed."""
+"""First-order sliding mode control, adaptive: the gain grows until sigma is small."""
 
+from dataclasses import replace
 from typing import Annotated
 
 from ..core import Param, block
+from ..core.card import Law
 from ..core.signal import norm, scaled, sign
+from ..sources import KODE, PLESTAN_2010
 from .relay import Layer
 
-__all__ = ["adaptive_quasi_smc", "adaptive_quasi_unit_vector", "adaptive_smc", "adaptive_unit_vector"]
+__all__ = ["adaptive_quasi_smc", "adaptive_quasi_unit_vector", "adaptive_smc",
+           "adaptive_unit_vector"]
 
-Gamma = Annotated[float, Param(r"\gamma", "[v]/([sigma] s)", low=0.0, log=True, help="speed of the adaptation",
-                               slider=(0.1, 1000.0))]
+Gamma = Annotated[float,
+                  Param(r"\gamma", "[v]/([sigma] s)", low=0.0, log=True,
+                        help="speed of the adaptation", slider=(0.1, 1000.0))]
 Delta = Annotated[float, Param(r"\delta", "[sigma]", low=0.0, log=True, slider=(1e-4, 1.0),
                                help="accepted size of sigma: the gain grows only above it")]
-GAIN = dict(rho=(0.1, Param(r"\rho(0)", "[v]", low=0.0, help="gain to start with", slider=(0.0, 10.0))))
+GAIN = dict(rho=(0.1,
+                 Param(r"\rho(0)", "[v]", low=0.0, help="gain to start with", slider=(0.0, 10.0))))
+
+GROWING = Law(r=1, adaptive=True, needs="that |xi| is bounded",
+              guarantees="|sigma| <= delta after a finite time", source=(KODE, PLESTAN_2010))
 
 
 def grown(rho, size, tau, gamma, delta):
@@ -20,8 +29,8 @@ def grown(rho, size, tau, gamma, delta):
     return rho + tau*gamma*size if size > delta else rho
 
 
-@block(state=GAIN)
-def adaptive_smc(sigma, z, tau, gamma: Gamma = 10.0, delta: Delta = 0.02) -> Param("v"):
+@block(state=GAIN, output=Param("v"), card=GROWING)
+def adaptive_smc(sigma, z, tau, gamma: Gamma = 10.0, delta: Delta = 0.02):
     r"""First-order sliding mode control with an adaptive gain.
 
     .. math::
@@ -45,22 +54,25 @@ def adaptive_smc(sigma, z, tau, gamma: Gamma = 10.0, delta: Delta = 0.02) -> Par
 
     Notes
     -----
-    The gain never falls: what the approach to :math:`\sigma = 0` takes, about :math:`\sqrt\gamma\,|\sigma(0)|`, it keeps,
-    and the chattering with it. Begin near :math:`\sigma = 0`, or use `dual_layer_smc`. Sampled every tau the relay moves
-    sigma by up to tau (rho + L), so `delta` has to be larger than that: otherwise the gain grows for ever.
+    The gain never falls: what the approach to :math:`\sigma = 0` takes, about
+    :math:`\sqrt\gamma\,|\sigma(0)|`, it keeps, and the chattering with it. Begin near
+    :math:`\sigma = 0`, or use `dual_layer_smc`. Sampled every tau the relay moves sigma by up to
+    tau (rho + L), so `delta` has to be larger than that: otherwise the gain grows for ever.
 
-    With several inputs, paper eq (15), one such law a channel: ``channels(a=adaptive_smc, b=adaptive_smc.with_(gamma=9.0))``.
+    With several inputs, paper eq (15), one such law a channel:
+    ``channels(a=adaptive_smc, b=adaptive_smc.with_(gamma=9.0))``.
 
     References
     ----------
-    Paper eqs (13), (15). F. Plestan, Y. Shtessel, V. Bregeault and A. Poznyak, Int. J. Control 83 (2010) 1907.
+    Paper eqs (13), (15). F. Plestan, Y. Shtessel, V. Bregeault and A. Poznyak, Int. J. Control 83
+    (2010) 1907.
     """
     rho, = z
     return rho*sign(sigma), (grown(rho, abs(sigma), tau, gamma, delta),)
 
 
-@block(state=GAIN)
-def adaptive_quasi_smc(sigma, z, tau, gamma: Gamma = 10.0, delta: Delta = 0.02, eps: Layer = 0.01) -> Param("v"):
+@block(state=GAIN, output=Param("v"), card=replace(GROWING, continuous=True))
+def adaptive_quasi_smc(sigma, z, tau, gamma: Gamma = 10.0, delta: Delta = 0.02, eps: Layer = 0.01):
     r"""Continuous (quasi) sliding mode control with an adaptive gain.
 
     .. math::
@@ -86,23 +98,24 @@ def adaptive_quasi_smc(sigma, z, tau, gamma: Gamma = 10.0, delta: Delta = 0.02, 
 
     Notes
     -----
-    Against a perturbation of bound L the gain stops near :math:`L (1 + \varepsilon/\delta)` at most, unless the approach
-    took it higher: a wide layer with a narrow `delta` asks for a large gain. It never falls.
+    Against a perturbation of bound L the gain stops near :math:`L (1 + \varepsilon/\delta)` at
+    most, unless the approach took it higher: a wide layer with a narrow `delta` asks for a large
+    gain. It never falls.
 
     With several inputs, one such law a channel, as for `adaptive_smc`.
 
     References
     ----------
-    Paper eqs (13), (15) and the note below them. F. Plestan, Y. Shtessel, V. Bregeault and A. Poznyak, Int. J. Control 83
-    (2010) 1907.
+    Paper eqs (13), (15) and the note below them. F. Plestan, Y. Shtessel, V. Bregeault and A.
+    Poznyak, Int. J. Control 83 (2010) 1907.
     """
     rho, = z
     size = abs(sigma)
     return rho*sigma/(size + eps), (grown(rho, size, tau, gamma, delta),)
 
 
-@block(state=GAIN)
-def adaptive_unit_vector(sigma, z, tau, gamma: Gamma = 10.0, delta: Delta = 0.02) -> Param("v"):
+@block(state=GAIN, output=Param("v"), card=replace(GROWING, channels=True))
+def adaptive_unit_vector(sigma, z, tau, gamma: Gamma = 10.0, delta: Delta = 0.02):
     r"""Unit vector control of several inputs with an adaptive gain.
 
     .. math::
@@ -126,20 +139,22 @@ def adaptive_unit_vector(sigma, z, tau, gamma: Gamma = 10.0, delta: Delta = 0.02
 
     Notes
     -----
-    As `adaptive_smc`, with one gain for all inputs: the gain never falls, and `delta` has to be larger than
-    tau (rho + L).
+    As `adaptive_smc`, with one gain for all inputs: the gain never falls, and `delta` has to be
+    larger than tau (rho + L).
 
     References
     ----------
-    Paper eqs (12), (14). F. Plestan, Y. Shtessel, V. Bregeault and A. Poznyak, Int. J. Control 83 (2010) 1907.
+    Paper eqs (12), (14). F. Plestan, Y. Shtessel, V. Bregeault and A. Poznyak, Int. J. Control 83
+    (2010) 1907.
     """
     rho, = z
     size = norm(sigma)
     return scaled(sigma, rho, size), (grown(rho, size, tau, gamma, delta),)
 
 
-@block(state=GAIN)
-def adaptive_quasi_unit_vector(sigma, z, tau, gamma: Gamma = 10.0, delta: Delta = 0.02, eps: Layer = 0.01) -> Param("v"):
+@block(state=GAIN, output=Param("v"), card=replace(GROWING, channels=True, continuous=True))
+def adaptive_quasi_unit_vector(sigma, z, tau, gamma: Gamma = 10.0, delta: Delta = 0.02,
+                               eps: Layer = 0.01):
     r"""Continuous (quasi) unit vector control of several inputs with an adaptive gain.
 
     .. math::
@@ -165,13 +180,14 @@ def adaptive_quasi_unit_vector(sigma, z, tau, gamma: Gamma = 10.0, delta: Delta 
 
     Notes
     -----
-    As `adaptive_quasi_smc`, with one gain for all inputs: it stops near :math:`L (1 + \varepsilon/\delta)` at most, L the
-    bound of :math:`\|\xi\|`, unless the approach took it higher, and never falls.
+    As `adaptive_quasi_smc`, with one gain for all inputs: it stops near
+    :math:`L (1 + \varepsilon/\delta)` at most, L the bound of :math:`\|\xi\|`, unless the approach
+    took it higher, and never falls.
 
     References
     ----------
-    Paper eqs (12), (14) and the note below (15). F. Plestan, Y. Shtessel, V. Bregeault and A. Poznyak, Int. J. Control 83
-    (2010) 1907.
+    Paper eqs (12), (14) and the note below (15). F. Plestan, Y. Shtessel, V. Bregeault and A.
+    Poznyak, Int. J. Control 83 (2010) 1907.
     """
     rho, = z
     size = norm(sigma)

@@ -5,7 +5,9 @@ from typing import Annotated
 
 from ..core import Param, block, exceeds
 from ..core.assumptions import MARGIN
+from ..core.card import Law
 from ..core.signal import sign
+from ..sources import KODE, LEVANT_1993, SEEBER_2017, SHTESSEL_2012
 
 __all__ = ["adaptive_super_twisting", "super_twisting"]
 
@@ -13,82 +15,110 @@ W = Param("w(0)", "[v]", help="integral term to start with", slider=(-1.0, 1.0))
 
 
 def assumed(values, xi, dxi):
-    """What the theorem assumes of the perturbation: beta > L, lam^2 > beta + L."""
+    """Say which assumption of the theorem fails: beta > L, lam^2 > beta + L."""
     lam, beta = values["lam"], values["beta"]
     if not lam*lam > beta + dxi/MARGIN:
-        return (f"|xi'| reaches {dxi:.3g}, and then lam^2 > beta + |xi'| does not hold: lam^2 = {lam*lam:.3g}, "
-                f"beta + |xi'| = {beta + dxi:.3g} [v]/s")
+        return (f"|xi'| reaches {dxi:.3g}, and then lam^2 > beta + |xi'| does not hold: "
+                f"lam^2 = {lam*lam:.3g}, beta + |xi'| = {beta + dxi:.3g} [v]/s")
     return exceeds("beta", "|xi'|", rate=True)(values, xi, dxi)
 
 
-@block(state=dict(w=(0.0, W)), theorem=assumed)
-def super_twisting(sigma, z, tau,
-                   lam: Annotated[float, Param(r"\lambda", "[v]/[sigma]^1/2", low=0.0, help="1.5 sqrt(L), L the bound of |xi'|",
-                                               slider=(0.0, 10.0))] = 1.5,
-                   beta: Annotated[float, Param(r"\beta", "[v]/s", low=0.0, help="1.1 L, L the bound of |xi'|",
-                                                slider=(0.0, 20.0))] = 1.1) -> Param("v"):
+Root = Annotated[float,
+                 Param(r"\lambda", "[v]/[sigma]^1/2", low=0.0,
+                       help="1.5 sqrt(L), L the bound of |xi'|", slider=(0.0, 10.0))]
+Integral = Annotated[float,
+                     Param(r"\beta", "[v]/s", low=0.0, help="1.1 L, L the bound of |xi'|",
+                           slider=(0.0, 20.0))]
+
+
+@block(state=dict(w=(0.0, W)), output=Param("v"),
+       card=Law(order=2, r=1, continuous=True, needs="the bound of |xi'|",
+                guarantees="sigma = sigma' = 0 after a finite time", assumes=assumed,
+                source=(KODE, LEVANT_1993, SEEBER_2017)))
+def super_twisting(sigma, z, tau, lam: Root = 1.5, beta: Integral = 1.1):
     r"""Super-twisting control.
 
-    .. math:: v = \lambda\,|\sigma|^{1/2}\,\mathrm{sign}(\sigma) + w, \qquad \dot w = \beta\,\mathrm{sign}(\sigma)
+    .. math:: v = \lambda\,|\sigma|^{1/2}\,\mathrm{sign}(\sigma) + w, \qquad
+        \dot w = \beta\,\mathrm{sign}(\sigma)
 
     Parameters
     ----------
     sigma : float
         Sliding variable.
     lam : float
-        Gain of the root [v]/[sigma]^1/2; :math:`1.5\sqrt L`, L the bound of the perturbation's derivative, see `gains`.
+        Gain of the root [v]/[sigma]^1/2; :math:`1.5\sqrt L`, L the bound of the perturbation's
+        derivative, see `gains`.
     beta : float
         Gain of the integral [v]/s; 1.1 L, and larger than L in any case.
 
     Returns
     -------
     float
-        v, of :math:`\dot\sigma = \xi - v`, continuous; the perturbation may have any size, its derivative not.
+        v, of :math:`\dot\sigma = \xi - v`, continuous; the perturbation may have any size, its
+        derivative not.
 
     Notes
     -----
-    Reaches :math:`\sigma = \dot\sigma = 0` in finite time; then w = xi. Without perturbation, :math:`\dot\sigma` at one
-    zero of sigma is :math:`-\exp(-\pi\lambda/\sqrt{8\beta - \lambda^2})` times that at the zero before, and sigma has no
-    second zero if :math:`\lambda^2 \ge 8\beta`. Sampled every tau, :math:`|\sigma|` stays within a multiple of
-    L tau^2. An actuator's lag turns it into a limit cycle.
+    Reaches :math:`\sigma = \dot\sigma = 0` in finite time; then w = xi. Without perturbation,
+    :math:`\dot\sigma` at one zero of sigma is :math:`-\exp(-\pi\lambda/\sqrt{8\beta - \lambda^2})`
+    times that at the zero before, and sigma has no second zero if :math:`\lambda^2 \ge 8\beta`.
+    Sampled every tau, :math:`|\sigma|` stays within a multiple of L tau^2. An actuator's lag turns
+    it into a limit cycle.
 
-    Erratum: the paper takes the gains from the bound of xi, but they need that of its derivative, of its (A4).
+    Erratum: the paper takes the gains from the bound of xi, but they need that of its derivative,
+    of its (A4).
 
     References
     ----------
-    Paper eq (21). A. Levant, Int. J. Control 58 (1993) 1247. The gains: R. Seeber and M. Horn, Automatica 84 (2017) 241.
+    Paper eq (21). A. Levant, Int. J. Control 58 (1993) 1247. The gains: R. Seeber and M. Horn,
+    Automatica 84 (2017) 241.
     """
     w, = z
     s = sign(sigma)
     return lam*math.sqrt(abs(sigma))*s + w, (w + tau*beta*s,)
 
 
-@block(state=dict(lam=(1.0, Param(r"\lambda(0)", "[v]/[sigma]^1/2", low=0.0, help="gain to start with", slider=(0.0, 10.0))),
-                  w=(0.0, W)))
-def adaptive_super_twisting(
-        sigma, z, tau,
-        gamma: Annotated[float, Param(r"\gamma", "[lam]/s", low=0.0, log=True, help="speed of the adaptation",
-                                      slider=(1e-3, 100.0))] = 20.0,
-        mu: Annotated[float, Param(r"\mu", "[sigma]", low=0.0, log=True, help="accepted size of sigma",
-                                   slider=(1e-4, 1.0))] = 1e-3,
-        lam_min: Annotated[float, Param(r"\lambda_m", "[lam]", low=0.0, help="least gain", slider=(0.0, 2.0))] = 0.05,
-        eps: Annotated[float, Param(r"\varepsilon", "1/s", low=0.0, log=True, help="beta = eps lam", slider=(1e-3, 10.0))] = 1.0,
-        eta: Annotated[float, Param(r"\eta", "[lam]/s", low=0.0, log=True, help="growth below the least gain",
-                                    slider=(1e-3, 10.0))] = 0.5) -> Param("v"):
+LAM_0 = Param(r"\lambda(0)", "[v]/[sigma]^1/2", low=0.0, help="gain to start with",
+              slider=(0.0, 10.0))
+Speed = Annotated[float,
+                  Param(r"\gamma", "[lam]/s", low=0.0, log=True, help="speed of the adaptation",
+                        slider=(1e-3, 100.0))]
+Accepted = Annotated[float,
+                     Param(r"\mu", "[sigma]", low=0.0, log=True, help="accepted size of sigma",
+                           slider=(1e-4, 1.0))]
+Least = Annotated[float,
+                  Param(r"\lambda_m", "[lam]", low=0.0, help="least gain", slider=(0.0, 2.0))]
+Ratio = Annotated[float,
+                  Param(r"\varepsilon", "1/s", low=0.0, log=True, help="beta = eps lam",
+                        slider=(1e-3, 10.0))]
+Growth = Annotated[float,
+                   Param(r"\eta", "[lam]/s", low=0.0, log=True, help="growth below the least gain",
+                         slider=(1e-3, 10.0))]
+
+
+@block(state=dict(lam=(1.0, LAM_0), w=(0.0, W)), output=Param("v"),
+       card=Law(r=1, adaptive=True, continuous=True, needs="that |xi'| is bounded",
+                guarantees="|sigma| of the size of mu after a finite time",
+                source=(KODE, SHTESSEL_2012, LEVANT_1993)))
+def adaptive_super_twisting(sigma, z, tau, gamma: Speed = 20.0, mu: Accepted = 1e-3,
+                            lam_min: Least = 0.05, eps: Ratio = 1.0, eta: Growth = 0.5):
     r"""Super-twisting control with adaptive gains.
 
     .. math::
 
-        v &= \lambda\,|\sigma|^{1/2}\,\mathrm{sign}(\sigma) + w, \qquad \dot w = \beta\,\mathrm{sign}(\sigma),
+        v &= \lambda\,|\sigma|^{1/2}\,\mathrm{sign}(\sigma) + w, \qquad
+        \dot w = \beta\,\mathrm{sign}(\sigma),
         \qquad \beta = \varepsilon\lambda \\
-        \dot\lambda &= \gamma\,\mathrm{sign}(|\sigma| - \mu) \text{ if } \lambda > \lambda_m, \text{ else } \eta
+        \dot\lambda &= \gamma\,\mathrm{sign}(|\sigma| - \mu) \text{ if } \lambda > \lambda_m,
+        \text{ else } \eta
 
     Parameters
     ----------
     sigma : float
         Sliding variable.
     gamma : float
-        Speed of the adaptation [lam]/s; about ten times the bound of the perturbation's derivative or more.
+        Speed of the adaptation [lam]/s; about ten times the bound of the perturbation's derivative
+        or more.
     mu : float
         Accepted :math:`|\sigma|`: above it the gain grows, below it the gain falls; well above
         tau^2 times the level of the gain.
@@ -102,18 +132,20 @@ def adaptive_super_twisting(
     Returns
     -------
     float
-        v, of :math:`\dot\sigma = \xi - v`, continuous; needs no bound of the perturbation's derivative.
+        v, of :math:`\dot\sigma = \xi - v`, continuous; needs no bound of the perturbation's
+        derivative.
 
     Notes
     -----
-    The gain does not stay large: it falls until :math:`|\sigma|` reaches mu, which sigma then overshoots by a factor of
-    two to twelve. Erratum: none; the paper's beta = eps lambda belongs to w' = beta sign(sigma), which is the
-    literature's beta = 2 eps lambda with w' = (beta/2) sign(sigma).
+    The gain does not stay large: it falls until :math:`|\sigma|` reaches mu, which sigma then
+    overshoots by a factor of two to twelve. Erratum: none; the paper's beta = eps lambda belongs to
+    w' = beta sign(sigma), which is the literature's beta = 2 eps lambda with w' = (beta/2)
+    sign(sigma).
 
     References
     ----------
-    Paper eqs (21), (24). Y. Shtessel, M. Taleb and F. Plestan, Automatica 48 (2012) 759. A. Levant, Int. J. Control 58
-    (1993) 1247.
+    Paper eqs (21), (24). Y. Shtessel, M. Taleb and F. Plestan, Automatica 48 (2012) 759. A. Levant,
+    Int. J. Control 58 (1993) 1247.
     """
     lam, w = z
     s = sign(sigma)

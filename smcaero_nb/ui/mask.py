@@ -291,9 +291,10 @@ class Mask(W.VBox):
             state, again = self._state, self._shown is self._state
             self._show(state)
             self._shown = state
-            if again and self.target is state.target:  # not all of them may have heard
-                self._notify_trait("target", state.target, state.target)
-            self.target = state.target
+            before = self.target
+            self.target = state.target  # this tells the observers, unless the two are equal
+            if before == state.target and (again or before is not state.target):
+                self._notify_trait("target", before, state.target)
             if self._state is state:  # no observer has changed it
                 self._told = state
 

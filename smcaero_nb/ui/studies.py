@@ -158,8 +158,7 @@ class Compare(Study):
     def _stale(self, _):
         if self.job.worker.idle.is_set():
             loops = self.loops
-            same = all((loops[n].p, loops[n].start()) == (r.loop.p, r.loop.start())
-                       for n, r in self.runs.items())
+            same = all(loops[n] == r.loop for n, r in self.runs.items())
             self._say("" if same else "The mask has changed since: Refresh uses its settings.")
 
     def _ask(self, patience=0.0):
@@ -200,9 +199,7 @@ class Certificate(Study):
 
     def _stale(self, change):
         if self.result and self.job.worker.idle.is_set():
-            now: Any = change.new
-            then: Any = self.result.loop
-            same = now.name == then.name and (now.p, now.start()) == (then.p, then.start())
+            same = change.new == self.result.loop
             self._say(self._told if same else f"{self._told} The mask has changed since.")
 
     def measure(self) -> Accuracy | None:
