@@ -21,6 +21,8 @@ import smcaero_nb as smc
 
 # first call of a new combination, and in a new process, / import of numba with a trivial function
 FIRST, WARM = 8.0, 3.0
+IMPORT = 1.4  # of the kit, / that of numba
+CALL = 0.2  # ms
 
 
 def speed(rounds):
@@ -75,20 +77,31 @@ def start(rounds):
     return held
 
 
+def imports(rounds):
+    """Import of the kit against that of numba, in new processes; True if the limit holds."""
+    with tempfile.TemporaryDirectory() as folder:
+        times = np.array([[next(in_new_process(f"import {name}", "pass", folder))
+                           for name in ("smcaero_nb", "numba")] for _ in range(rounds)])
+    kit, numba = np.median(times, axis=0)
+    print(f"Import: smcaero_nb {kit:.2f} s = {kit/numba:.2f} times numba, {numba:.2f} s "
+          f"(limit {IMPORT:g})")
+    return kit/numba <= IMPORT
+
+
 def fixed(rounds):
-    """Fixed cost of one call, for short runs."""
+    """Fixed cost of one call, for short runs; True if the limit holds."""
     loop = smc.lv.loop("quasi_smc")
     smc.simulate(loop, 1e-3, 1e-4)
-    t = beside.nanoseconds(10*rounds, 1e6, lambda: smc.simulate(loop, 1e-3, 1e-4))
-    print(f"One call of simulate, without its steps: {np.median(t):.2f} ms")
+    t = np.median(beside.nanoseconds(10*rounds, 1e6, lambda: smc.simulate(loop, 1e-3, 1e-4)))
+    print(f"One call of simulate, without its steps: {t:.2f} ms (limit {CALL:g})")
+    return t <= CALL
 
 
 if __name__ == "__main__":
     count = beside.rounds_asked(15)
     held = [speed(count), laws.beside_c(count), hosmc.beside_c(count), differentiators.speed(count),
             lander.beside_c(count),
-            start(3)]
-    fixed(count)
+            start(3), imports(7), fixed(count)]
     laws.each_law(max(3, count//3))
     hosmc.of_each(max(3, count//3))
     held.append(lander.descents())
