@@ -141,7 +141,7 @@ def test_there_is_something_to_fuzz():
 @pytest.mark.parametrize("name", FUNCTIONS)
 def test_each_argument_is_taken_or_refused_in_a_sentence(name):
     f, (made, free) = FUNCTIONS[name], arguments(name, FUNCTIONS[name])
-    if name != "channels":  # which needs a part
+    if name not in ("chain", "channels"):  # which need a part
         assert called(f, **made) is None
     for n in [*made, *([free] if free else [])]:
         for kind, odd in ODD.items():

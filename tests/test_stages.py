@@ -4,12 +4,22 @@ import csv
 import io
 import itertools
 import math
+import pickle
 
 import numpy as np
 import pytest
 
 import smcaero_nb as smc
-from smcaero_nb import BlockError, ClosedLoop, Param, ParameterError, block, channels, simulate
+from smcaero_nb import (
+    BlockError,
+    ClosedLoop,
+    Param,
+    ParameterError,
+    block,
+    chain,
+    channels,
+    simulate,
+)
 from smcaero_nb.core import build, program, stages, writer
 
 PRESETS = {
@@ -190,6 +200,59 @@ def test_a_probe_records_signals_and_changes_nothing():
     np.testing.assert_array_equal(run.u, both(LOOP).u)
     single = simulate(LOOP.with_(probe=block(power.f)))
     assert vars(single.probe).keys() == {"<lambda>"} and not vars(simulate(LOOP).probe)
+
+
+# ---- chains --------------------------------------------------------------------------------------
+@block
+def scaled(y, by=2.0):
+    return by*y[0], by*y[1]
+
+
+def test_a_chain_is_its_blocks_one_after_the_other():
+    loop = LOOP.with_(sensor=chain(offset=offset, scale=scaled))
+    once = block(lambda y, by=0.25, times=2.0: (times*(y[0] + by), times*y[1]))
+    np.testing.assert_array_equal(both(loop).u, both(LOOP.with_(sensor=once)).u)
+    reached = loop.with_(sensor__offset__by=0.5, sensor__scale__by=1.0)
+    other = LOOP.with_(sensor=offset.with_(by=0.5))
+    np.testing.assert_array_equal(both(reached).u, both(other).u)
+    assert "sensor__scale__by" in smc.ui.mask(loop).values
+
+
+def test_blocks_in_a_chain_have_memory_of_their_own():
+    @block(state=dict(w=0.0))
+    def lag(u, z, tau, T=0.125):
+        w = z[0] + tau/T*(u - z[0])
+        return w, (w,)
+
+    run = both(LOOP.with_(actuator=chain(first=lag, second=lag.with_(T=0.25))))
+    held = [0.0, 0.0]
+    for k, v in enumerate(run.v[::4]):
+        held[0] += (1/32)/0.125*(v - held[0])
+        held[1] += (1/32)/0.25*(held[0] - held[1])
+        assert run.u[4*k] == held[1] == run.z.actuator.second.w[4*k]
+
+
+def test_every_stage_that_passes_a_signal_may_be_a_chain():
+    gain = block(lambda v, k=2.0: k*v)
+    flip = block(lambda x: (-x[0], -x[1]))
+    copy = block(lambda e: (e[0], e[1]))
+    whole = LOOP.with_(output=chain(a=flip, b=flip), differentiator=chain(a=copy, b=copy),
+                       surface=chain(a=copy, b=line), allocation=chain(a=gain, b=gain.with_(k=0.5)))
+    np.testing.assert_array_equal(both(whole).u, both(LOOP).u)
+
+
+@pytest.mark.parametrize("stage, said", [("law", "belongs into allocation or actuator"),
+                                         ("perturbation", "write one block"),
+                                         ("reference", "write one block")])
+def test_a_chain_that_nothing_passes_through_is_refused(stage, said):
+    with pytest.raises(BlockError, match=f"^{stage} cannot be a chain; .*{said}"):
+        simulate(LOOP.with_(**{stage: chain(a=block(lambda t: t), b=block(lambda t: t))}))
+
+
+def test_a_chain_survives_pickle_and_is_not_channels():
+    made = chain(a=smc.lv.gimbal, b=smc.lv.gimbal.with_(rate=1.0))
+    assert pickle.loads(pickle.dumps(made)) == made != channels(**made.parts)
+    assert eval(made.code(), {"smc": smc}) == made and repr(made).startswith("chain(a=")
 
 
 # ---- the table -----------------------------------------------------------------------------------

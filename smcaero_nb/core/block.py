@@ -183,12 +183,14 @@ class Block:
 class Channels:
     """Independent blocks side by side, made by `channels`; each sees its component of a signal."""
 
+    name = "channels"
+
     def __init__(self, parts: dict[str, Block]):
         if not parts:
-            raise BlockError("channels: at least one block is needed: channels(attitude=..., ...)")
+            raise BlockError(f"{self.name}: at least one block is needed: {self.name}(a=..., ...)")
         for name, b in parts.items():
-            wanted(f"channels: {name}", b)
-        self.parts, self.name = parts, "channels"
+            wanted(f"{self.name}: {name}", b)
+        self.parts = parts
         self.__doc__ = "\n\n".join(f"{c}: {b.__doc__}" for c, b in parts.items())
 
     def _joined(self, what):
@@ -211,13 +213,13 @@ class Channels:
 
     def code(self) -> str:
         """Return a Python expression that makes these blocks; see `Block.code`."""
-        return f"smc.channels({', '.join(f'{c}={b.code()}' for c, b in self.parts.items())})"
+        return f"smc.{self.name}({', '.join(f'{c}={b.code()}' for c, b in self.parts.items())})"
 
     def __reduce__(self):
-        return Channels, (self.parts,)
+        return type(self), (self.parts,)
 
     def __eq__(self, other):
-        if not isinstance(other, Channels):
+        if type(other) is not type(self):
             return NotImplemented
         return list(self.parts.items()) == list(other.parts.items())
 
@@ -226,10 +228,10 @@ class Channels:
 
     def with_(self, **changes: Any) -> "Channels":
         """Return a copy: ``part=block`` replaces it, ``part__name=value`` sets something in it."""
-        return Channels(routed(self.name, self.parts, changes))
+        return type(self)(routed(self.name, self.parts, changes))
 
     def __repr__(self):
-        return f"channels({', '.join(f'{c}={b!r}' for c, b in self.parts.items())})"
+        return f"{self.name}({', '.join(f'{c}={b!r}' for c, b in self.parts.items())})"
 
     def content(self) -> list:
         """Return what the compiled blocks depend on."""

@@ -5,6 +5,7 @@ import zlib
 from typing import Any
 
 from .block import Block, BlockError, Channels
+from .chain import Chain
 from .checks import check, kind, place, way_out
 from .content import draws
 from .expressions import error, limits, local, zero
@@ -51,6 +52,7 @@ class _Writer:
         self.params = {f"p_{s}_{i}": v for s, p in loop.p.items() for i, v in enumerate(p)}
         x, z = loop.start()
         self.x, self.z, self.rings = tuple(x), tuple(z), []
+        self.between = {}  # what the next block of a chain sees in place of a signal
         self.shapes["x"] = (None,)*len(x)
         self.start = {**x, **z}
         self.values = {"t": 0.0, "tau": tau, "dt": 0.0, "k": 0, "m": m, "R": self.rings,
@@ -235,13 +237,33 @@ class _Writer:
         """Call a block, or channels of blocks; return the text of the output."""
         if not isinstance(b, Channels):
             return self.block(stage, b, path, channel, alias)
+        if isinstance(b, Chain):
+            return self.chained(stage, b, path, alias)
         channel = [None if stage == "probe" else i for i in range(len(b.parts))]
         results = [self.called(stage, part, f"{path}__{name}", i, alias)
                    for i, (name, part) in zip(channel, b.parts.items(), strict=True)]
         return "(" + "".join(f"{q}, " for q in results) + ")"
 
+    def chained(self, stage, b, path, alias):
+        """Call blocks in series; return the text of the output of the last one."""
+        passes = STAGES[stage].passes.removesuffix("_hat")
+        if not passes or stage == "law":
+            raise BlockError(f"{stage} cannot be a chain; " + (
+                "a block that follows the law belongs into allocation or actuator" if passes
+                else "write one block that calls the others"))
+        *first, (end, last) = b.parts.items()
+        for name, part in first:
+            between = f"{stage}_{self.numbers['part']}"
+            self.assign(between, self.block(stage, part, f"{path}__{name}", None, alias))
+            self.between[passes] = between
+        result = self.block(stage, last, f"{path}__{end}", None, alias)
+        self.between.clear()
+        return result
+
     def seen(self, stage: str, signal: str) -> str:
         """The name under which a stage finds a signal: the control sees the sensor's output."""
+        if signal in self.between:
+            return self.between[signal]
         if stage in SAMPLED and self.stages["sensor"] and stage != "sensor":
             signal = {"y": "y_m", "e": "e_m"}.get(signal, signal)
         if signal in ("e", "e_m") and self.stages["differentiator"] and stage in ESTIMATED:
