@@ -61,13 +61,14 @@ SIGNALS = ("t", "r", "y", "y_m", "e", "e_hat", "sigma", "v", "u", "d")
 
 
 def table() -> str:
-    """Return a table in Markdown of what each stage may ask for."""
+    """Return the stages as a table in Markdown: which may ask for what."""
     when = {"dt": "every `dt`", "tau": "every `tau`", "row": "recorded rows"}
-    lines = ["| stage | may ask for | gives | evaluated |", "|---|---|---|---|"]
+    lines = [f"| stage | may ask for | and for {', '.join(f'`{q}`' for q in OWN)} | gives | "
+             "evaluated |", "|---|---|---|---|---|"]
     for name, s in STAGES.items():
         asks = ", ".join(f"`{q}`" for q in s.asks)
-        own = "; with memory also `z`, `tau`, `k`, `salt`" if s.memory and name != "plant" else ""
         remembers = s.memory and s.when == "dt" and name != "plant"
-        held = "; with memory every `tau`"*remembers
-        lines.append(f"| {name} | {asks}{own} | `{s.gives}` | {when[s.when]}{held} |")
+        own = "yes" if s.when == "tau" else "with memory" if remembers else "no"
+        held = ", with memory every `tau`"*remembers
+        lines.append(f"| {name} | {asks} | {own} | `{s.gives}` | {when[s.when]}{held} |")
     return "\n".join(lines)
