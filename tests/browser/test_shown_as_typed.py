@@ -4,6 +4,8 @@ import re
 
 import pytest
 
+from smcaero_nb.core.param import said
+
 pytestmark = pytest.mark.browser
 
 TEXTS = ("<script>globalThis.hacked=1</script>", '<img src=x onerror="globalThis.hacked=2">',
@@ -93,7 +95,7 @@ def test_a_mask_and_its_curves_show_texts_as_typed(shown):
     wait(".js-plotly-plot text", f"state {ALL} [N]")
     nb.entry("law__k2").fill(f"typed {ALL}")
     nb.entry("law__k2").press("Enter")
-    wait(".smcaero-status", f"law {ALL}: k2 = {'typed ' + ALL!r} is not allowed")
+    wait(".smcaero-status", f"law {ALL}: k2 = {said('typed ' + ALL)} is not allowed")
 
 
 STUDY = """study = smc.ui.compare({f"first {ALL}": loop, f"second {ALL}": loop})
