@@ -136,12 +136,19 @@ def test_a_dead_time_destabilises_where_theory_says():
     assert ends[0] < 0.05 and ends[1] > 2.0
 
 
-@pytest.mark.parametrize("latency, said", [(0.003, "a multiple of dt"), (1e9, "steps|samples")])
+@pytest.mark.parametrize("latency, said", [(0.003, "a multiple of dt"), (1e9, "steps|samples"),
+                                           (2.0, "less than the duration of 2 s")])
 def test_a_latency_that_is_not_so_many_steps_is_refused(latency, said):
     with pytest.raises(ParameterError, match=f"latency = .* s is not allowed.*{said}"):
         simulate(LOOP.with_(latency=latency))
     with pytest.raises(ParameterError, match="latency = -1 s"):
         LOOP.with_(latency=-1.0)
+
+
+def test_a_loop_shows_its_latency_and_a_misspelt_one_is_guessed():
+    assert "latency 0.0625 s" in repr(LOOP.with_(latency=0.0625)) and "latency" not in repr(LOOP)
+    with pytest.raises(ParameterError, match="has no 'latencyy'; did you mean 'latency'"):
+        LOOP.with_(latencyy=0.0625)
 
 
 def test_latencies_of_other_lengths_are_compiled_apart_and_shared_between_equal_ones():
@@ -241,7 +248,7 @@ def test_every_stage_that_passes_a_signal_may_be_a_chain():
     np.testing.assert_array_equal(both(whole).u, both(LOOP).u)
 
 
-@pytest.mark.parametrize("stage, said", [("law", "belongs into allocation or actuator"),
+@pytest.mark.parametrize("stage, said", [("law", "belongs in allocation or actuator"),
                                          ("perturbation", "write one block"),
                                          ("reference", "write one block")])
 def test_a_chain_that_nothing_passes_through_is_refused(stage, said):
@@ -394,6 +401,9 @@ def test_the_record_as_text_has_units_and_every_number(tmp_path):
     np.testing.assert_array_equal(table["u [rad]"], run.u)
     assert run.to_csv(tmp_path / "run.csv") is None
     assert (tmp_path / "run.csv").read_text() == run.to_csv()
+    watched = LOOP.with_(probe=block(lambda x, u: (x[1]*u, u)), law=smc.smc2.super_twisting)
+    header = simulate(watched).to_csv().split("\n")[0]
+    assert "z.law.w" in header and "probe.<lambda>[0],probe.<lambda>[1]" in header
     back = smc.records.Table("test", tmp_path / "run.csv")
     np.testing.assert_array_equal(back.times("t"), run.t)
 

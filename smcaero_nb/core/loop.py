@@ -4,7 +4,7 @@ from collections.abc import Callable
 from typing import Any
 
 from .block import Block, BlockError, Channels, routed, wanted
-from .param import Param, ParameterError, function, positive, texted
+from .param import Param, ParameterError, function, positive, texted, unknown
 from .program import parts
 from .stages import STAGES
 
@@ -97,6 +97,9 @@ class ClosedLoop:
             A stage is not a block.
         """
         own = {k: changes.pop(k, getattr(self, k)) for k in OWN}
+        for name in changes:
+            if (stage := name.partition("__")[0]) not in STAGES:
+                raise unknown("ClosedLoop", stage, (*STAGES, *OWN))
         for name in getattr(changes.get("plant", self.stages["plant"]), "params", ()):
             if f"output__{name}" in changes:
                 raise ParameterError(f"ClosedLoop: {name} of the output follows the plant; "
@@ -151,4 +154,5 @@ class ClosedLoop:
 
     def __repr__(self) -> str:
         blocks = [f"  {s:<15}{b!r}" for s, b in self.stages.items() if b]
-        return "\n".join([f"ClosedLoop {self.name}".rstrip(), *blocks])
+        late = f", latency {self.latency:g} s"*(self.latency > 0.0)
+        return "\n".join([f"ClosedLoop {self.name}".rstrip() + late, *blocks])

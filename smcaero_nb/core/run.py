@@ -5,7 +5,7 @@ import io
 import math
 import os
 import types
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, TextIO
 
@@ -138,11 +138,14 @@ class Run:
         return doubts(self)
 
     def to_csv(self, path: "str | os.PathLike | TextIO | None" = None) -> str | None:
-        """Write the recorded signals and states as text: names and units, then one line per row.
+        """Write what is recorded as text: names and units, then one line per row.
+
+        The columns are t, the signals, the states of the plant (``x.theta``) and of the blocks with
+        memory (``z.law.w``), and what the probe gives (``probe.power``).
 
         Parameters
         ----------
-        path : str, path or open file, optional
+        path : str, path-like or text file, optional
 
         Returns
         -------
@@ -155,6 +158,7 @@ class Run:
                 columns[_titled(q.key, q.meta)] = at(getattr(self, signal), q.path)
         for name, meta in self.loop.stages["plant"].states.items():
             columns[_titled(f"x.{name}", meta)] = getattr(self.x, name)
+        columns |= dict([*_columns("z", self.z), *_columns("probe", self.probe)])
         made = io.StringIO()
         writer = csv.writer(made, lineterminator="\n")
         writer.writerow(columns)
@@ -180,6 +184,18 @@ class Run:
 
 def _titled(key: str, meta: Any) -> str:
     return key + (f" [{meta.unit}]" if meta.unit != "1" else "")
+
+
+def _columns(name: str, values: Any) -> Iterator[tuple[str, np.ndarray]]:
+    """(name, array) of each array in a namespace or tuple, nested as they may be."""
+    if isinstance(values, types.SimpleNamespace):
+        for n, v in vars(values).items():
+            yield from _columns(f"{name}.{n}", v)
+    elif isinstance(values, tuple):
+        for i, v in enumerate(values):
+            yield from _columns(f"{name}[{i}]", v)
+    else:
+        yield name, values
 
 
 def _named(states: dict[str, Any], arrays: Any) -> types.SimpleNamespace:

@@ -108,6 +108,9 @@ def _steps(loop: ClosedLoop, duration: float, dt: float, tau: float) -> tuple[in
     if abs(lag*dt - loop.latency) > 1e-9*loop.latency or lag > MOST*m:
         raise ParameterError(f"simulate: latency = {loop.latency:g} s is not allowed; it must be "
                              f"a multiple of dt = {dt:g} s, of at most {MOST} samples of {tau:g} s")
+    if lag >= n and lag:
+        raise ParameterError(f"simulate: latency = {loop.latency:g} s is not allowed; it must be "
+                             f"less than the duration of {duration:g} s, or no control ever acts")
     if duration < tau*(1 - 1e-9):
         raise ParameterError(f"simulate: duration = {duration:g} s is not allowed; it must be at "
                              f"least tau = {tau:g} s")

@@ -249,7 +249,7 @@ class _Writer:
         passes = STAGES[stage].passes.removesuffix("_hat")
         if not passes or stage == "law":
             raise BlockError(f"{stage} cannot be a chain; " + (
-                "a block that follows the law belongs into allocation or actuator" if passes
+                "a block that follows the law belongs in allocation or actuator" if passes
                 else "write one block that calls the others"))
         *first, (end, last) = b.parts.items()
         for name, part in first:
