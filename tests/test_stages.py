@@ -249,6 +249,15 @@ def test_a_chain_that_nothing_passes_through_is_refused(stage, said):
         simulate(LOOP.with_(**{stage: chain(a=block(lambda t: t), b=block(lambda t: t))}))
 
 
+def test_a_chain_is_not_compiled_as_the_same_blocks_side_by_side():
+    doubled = block(lambda v: smc.core.signal.scaled(v, 2.0, 1.0))
+    pair = block(state=dict(a=1.0, b=0.5))(lambda u: (u[0], u[1]))
+    loop = ClosedLoop(pair, law=block(lambda sigma: (sigma[0], sigma[1])), duration=1.0, dt=0.25)
+    parts = dict(a=doubled, b=doubled)
+    side, series = (both(loop.with_(allocation=f(**parts))) for f in (channels, chain))
+    assert side.u[0][0] == -2.0 and series.u[0][0] == -4.0
+
+
 def test_a_chain_survives_pickle_and_is_not_channels():
     made = chain(a=smc.lv.gimbal, b=smc.lv.gimbal.with_(rate=1.0))
     assert pickle.loads(pickle.dumps(made)) == made != channels(**made.parts)

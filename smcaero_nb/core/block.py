@@ -233,9 +233,9 @@ class Channels:
     def __repr__(self):
         return f"{self.name}({', '.join(f'{c}={b!r}' for c, b in self.parts.items())})"
 
-    def content(self) -> list:
-        """Return what the compiled blocks depend on."""
-        return [(c, b.content()) for c, b in self.parts.items()]
+    def content(self) -> tuple:
+        """Return what the compiled blocks depend on; side by side and in series differ."""
+        return self.name, [(c, b.content()) for c, b in self.parts.items()]
 
 
 def routed(owner: str, parts: dict, changes: dict) -> dict:
