@@ -382,6 +382,22 @@ def test_a_number_as_reference_of_several_channels_is_refused():
         simulate(LOOP.with_(output=nested, surface=None, reference=block(lambda t: 1.0)))
 
 
+def test_units_are_those_of_the_loop_that_was_run():
+    def first(x):
+        return x[0]
+
+    def loop(unit):
+        plant = block(state=dict(x=1.0, v=(0.0, Param(unit=unit))))(cart.f)
+        return ClosedLoop(plant, output=block(first, output=Param(unit=unit)), law=push,
+                          duration=1.0, dt=0.25)
+
+    for unit in ("rad", "deg"):
+        for one in (loop(unit), loop(unit).with_(output=None, law=block(lambda sigma: sigma[0]))):
+            run = simulate(one)
+            assert run.leaves("y")[-1].meta.unit == unit
+            assert f"[{unit}]" in run.to_csv().split("\n")[0].split("x.x")[0]
+
+
 # ---- runs ----------------------------------------------------------------------------------------
 def test_a_run_is_read_only_says_how_it_ended_and_is_short():
     run = simulate(LOOP)
