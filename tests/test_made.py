@@ -135,6 +135,8 @@ def test_own_blocks_are_equal_if_they_say_the_same():
     assert a == b and hash(a) == hash(b) and a != other and a != b.with_(k=3.0)
     assert a != "own" and smc.channels(a=a) == smc.channels(a=b) != smc.channels(b=b)
     assert len({a, b, other, smc.channels(a=a), smc.channels(a=b)}) == 3
+    named = local(OWN.replace("own", "another"), "another")
+    assert named.name != a.name and named == a and hash(named) == hash(a)
 
 
 def test_loops_differ_in_each_of_their_parts():

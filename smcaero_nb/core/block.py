@@ -131,7 +131,7 @@ class Block:
             self.content() == other.content())
 
     def __hash__(self):
-        return hash((self.name, tuple(sorted(self.values.items()))))
+        return hash(tuple(sorted(self.values.items())))
 
     def with_(self, **changes: Any) -> "Block":
         """Return a copy with other parameters or initial states.
