@@ -376,6 +376,14 @@ def test_leaves_say_channel_derivative_and_unit():
     assert np.shape(own.metrics().J_e) == (2,)
 
 
+def test_what_is_measured_without_an_output_has_the_names_of_the_states():
+    seen = block(lambda y: (y[0], y[1]), output=(Param(unit="V"), Param(unit="V")))
+    run = simulate(LOOP.with_(output=None, sensor=seen))
+    assert [q.meta.unit for q in run.leaves("y_m")] == ["V", "V"]
+    assert [(q.key, q.derivative) for q in run.leaves("e_hat")] == [("e_hat.x", None),
+                                                                    ("e_hat.v", None)]
+
+
 def test_a_number_as_reference_of_several_channels_is_refused():
     nested = block(lambda x: ((x[0],), (x[1],)))
     with pytest.raises(BlockError, match="one number, but y has 2 channels; give one for each"):
