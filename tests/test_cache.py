@@ -436,6 +436,16 @@ def test_a_module_attribute_that_is_changed_is_seen():
     assert seen == [4.0, 6.0, 9.0]
 
 
+def test_a_value_of_a_block_used_as_a_helper_that_is_changed_in_place_is_seen():
+    gain = block(lambda s, k=2.0: k*s)
+    law = block(lambda sigma: gain(sigma))
+    plant = block(state=dict(x=1.0))(lambda u: (u,))
+    loop = ClosedLoop(plant, law=law, duration=1.0, dt=0.25)
+    assert simulate(loop).u[0] == -2.0
+    gain.values["k"] = 3.0
+    assert simulate(loop).u[0] == simulate(loop, jit=False).u[0] == -3.0
+
+
 def test_a_loop_with_a_changed_helper_is_compiled_once_and_remembered():
     source = "def helper(s, k={}): return k*s\n@block\ndef law(sigma): return helper(sigma)"
     with event.install_recorder("numba:compile") as recorder:

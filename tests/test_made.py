@@ -109,6 +109,16 @@ def test_a_block_that_its_module_has_changed_is_spelt_from_what_the_module_has(m
     assert pickle.loads(pickle.dumps(back)) == back
 
 
+def test_a_block_made_anew_of_the_function_of_another_is_not_taken_for_it():
+    again = block(mine.f, output=smc.Param(unit="deg"))
+    other = block(smc.lv.gimbal.f, state=dict(first=1.0, second=2.0))
+    for b in (again, other, other.with_(first=3.0)):
+        assert b.made is None and "smc" not in b.code() and __name__ not in b.code()
+        with pytest.raises(BlockError, match="cannot be pickled.* is another block of this func"):
+            pickle.dumps(b)
+    assert again.code() == "mine" and other.with_(first=3.0).code() == "gimbal.with_(first=3.0)"
+
+
 # ---- equality ------------------------------------------------------------------------------------
 def test_itae_surfaces_of_two_tables_differ_although_they_show_the_same():
     a, b = itae(2, 10.0), itae(2, 10.0, table="optimal")
@@ -135,6 +145,8 @@ def test_own_blocks_are_equal_if_they_say_the_same():
     assert a == b and hash(a) == hash(b) and a != other and a != b.with_(k=3.0)
     assert a != "own" and smc.channels(a=a) == smc.channels(a=b) != smc.channels(b=b)
     assert len({a, b, other, smc.channels(a=a), smc.channels(a=b)}) == 3
+    named = local(OWN.replace("own", "another"), "another")
+    assert named.name != a.name and named == a and hash(named) == hash(a)
 
 
 def test_loops_differ_in_each_of_their_parts():

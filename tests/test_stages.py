@@ -256,6 +256,15 @@ def test_a_chain_that_nothing_passes_through_is_refused(stage, said):
         simulate(LOOP.with_(**{stage: chain(a=block(lambda t: t), b=block(lambda t: t))}))
 
 
+def test_a_chain_is_not_compiled_as_the_same_blocks_side_by_side():
+    doubled = block(lambda v: smc.core.signal.scaled(v, 2.0, 1.0))
+    pair = block(state=dict(a=1.0, b=0.5))(lambda u: (u[0], u[1]))
+    loop = ClosedLoop(pair, law=block(lambda sigma: (sigma[0], sigma[1])), duration=1.0, dt=0.25)
+    parts = dict(a=doubled, b=doubled)
+    side, series = (both(loop.with_(allocation=f(**parts))) for f in (channels, chain))
+    assert side.u[0][0] == -2.0 and series.u[0][0] == -4.0
+
+
 def test_a_chain_survives_pickle_and_is_not_channels():
     made = chain(a=smc.lv.gimbal, b=smc.lv.gimbal.with_(rate=1.0))
     assert pickle.loads(pickle.dumps(made)) == made != channels(**made.parts)
@@ -374,10 +383,34 @@ def test_leaves_say_channel_derivative_and_unit():
     assert np.shape(own.metrics().J_e) == (2,)
 
 
+def test_what_is_measured_without_an_output_has_the_names_of_the_states():
+    seen = block(lambda y: (y[0], y[1]), output=(Param(unit="V"), Param(unit="V")))
+    run = simulate(LOOP.with_(output=None, sensor=seen))
+    assert [q.meta.unit for q in run.leaves("y_m")] == ["V", "V"]
+    assert [(q.key, q.derivative) for q in run.leaves("e_hat")] == [("e_hat.x", None),
+                                                                    ("e_hat.v", None)]
+
+
 def test_a_number_as_reference_of_several_channels_is_refused():
     nested = block(lambda x: ((x[0],), (x[1],)))
     with pytest.raises(BlockError, match="one number, but y has 2 channels; give one for each"):
         simulate(LOOP.with_(output=nested, surface=None, reference=block(lambda t: 1.0)))
+
+
+def test_units_are_those_of_the_loop_that_was_run():
+    def first(x):
+        return x[0]
+
+    def loop(unit):
+        plant = block(state=dict(x=1.0, v=(0.0, Param(unit=unit))))(cart.f)
+        return ClosedLoop(plant, output=block(first, output=Param(unit=unit)), law=push,
+                          duration=1.0, dt=0.25)
+
+    for unit in ("rad", "deg"):
+        for one in (loop(unit), loop(unit).with_(output=None, law=block(lambda sigma: sigma[0]))):
+            run = simulate(one)
+            assert run.leaves("y")[-1].meta.unit == unit
+            assert f"[{unit}]" in run.to_csv().split("\n")[0].split("x.x")[0]
 
 
 # ---- runs ----------------------------------------------------------------------------------------

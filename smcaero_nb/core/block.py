@@ -92,8 +92,16 @@ class Block:
     @property
     def made(self) -> tuple[str, dict] | None:
         """Name, ``"hosmc.nested"``, and arguments of what made it; None where no module has it."""
-        maker, arguments = self.factory or (self.f, {})
-        return (public(*at), arguments) if (at := home(maker)) else None
+        _, arguments = self.factory or (self.f, {})
+        return (public(*at), arguments) if (at := self._home) else None
+
+    @property
+    def _home(self) -> tuple[str, str] | None:
+        """Module and name of what made it; none where another block of the same function is."""
+        if self.factory:
+            return home(self.factory[0])
+        at = home(self.f)
+        return at if at and found(*at)._born is self._born else None
 
     def code(self) -> str:
         """Return a Python expression for this block, as ``smc.hosmc.nested(2).with_(L=3.0)``.
@@ -102,17 +110,20 @@ class Block:
         module; a block from a notebook cell is called by its name alone.
         """
         maker, arguments = self.factory or (self.f, None)
-        born = found(*at).values if arguments is None and (at := home(maker)) else self._born
+        own = arguments is None
+        born = found(*at).values if own and (at := self._home) else self._born
         changed = ", ".join(f"{n}={v!r}" for n, v in self.values.items() if v != born[n])
-        return spelt(maker, arguments) + (f".with_({changed})" if changed else "")
+        text = self.name if own and not self._home else spelt(maker, arguments)
+        return text + (f".with_({changed})" if changed else "")
 
     def __reduce__(self):
         maker, arguments = self.factory or (self.f, None)
-        at, functions = home(maker), filter(inspect.isfunction, (arguments or {}).values())
-        if lost := next((f for f in (maker, *functions) if not home(f)), None):
+        at, functions = self._home, filter(inspect.isfunction, (arguments or {}).values())
+        if lost := maker if not at else next((f for f in functions if not home(f)), None):
+            why = "is another block of this function" if home(lost) else "cannot be imported"
             raise BlockError(
                 f"block '{self.name}' cannot be pickled, because {lost.__module__}."
-                f"{lost.__qualname__} cannot be imported; move it to a module (a .py file) and "
+                f"{lost.__qualname__} {why}; move it to a module (a .py file) and "
                 "import it from there")
         return rebuilt, (at, arguments, self.values)
 
@@ -131,7 +142,7 @@ class Block:
             self.content() == other.content())
 
     def __hash__(self):
-        return hash((self.name, tuple(sorted(self.values.items()))))
+        return hash(tuple(sorted(self.values.items())))
 
     def with_(self, **changes: Any) -> "Block":
         """Return a copy with other parameters or initial states.
@@ -233,9 +244,9 @@ class Channels:
     def __repr__(self):
         return f"{self.name}({', '.join(f'{c}={b!r}' for c, b in self.parts.items())})"
 
-    def content(self) -> list:
-        """Return what the compiled blocks depend on."""
-        return [(c, b.content()) for c, b in self.parts.items()]
+    def content(self) -> tuple:
+        """Return what the compiled blocks depend on; side by side and in series differ."""
+        return self.name, [(c, b.content()) for c, b in self.parts.items()]
 
 
 def routed(owner: str, parts: dict, changes: dict) -> dict:

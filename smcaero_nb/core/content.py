@@ -90,6 +90,7 @@ def _content(v: Any, seen: dict, trace: list, names: tuple[str, ...] = (),
         read = [(n, _content(getattr(v, n), seen, trace, names)) for n in key if hasattr(v, n)]
         return repr((v.__name__, read))
     if is_block(v):  # used as a helper: its values are constants
+        trace.extend((dict.get, v.values, n, q) for n, q in v.values.items())
         return repr((v.values, _content(v.f, seen, trace, (), False)))
     if isinstance(v, np.ndarray):
         trace.append(None)

@@ -84,9 +84,12 @@ def named(loop: Any, shapes: dict[str, Any]) -> dict[str, tuple[Leaf, ...]]:
     for s in (*SIGNALS[1:], "e_m", "probe"):
         if s not in shapes:
             continue
-        outward = s in ("r", "y", "y_m", "e", "e_m")
+        passed = s == "e_hat" and not loop.stages["differentiator"]
+        outward = s in ("r", "y", "y_m", "e", "e_m") or passed
         states = names if outward and shapes[s] == shapes["x"] else ()
-        metas = loop.metadata(s) if output or not outward else tuple(plant.states.values())
+        metas = loop.metadata(s)
+        if outward and not output and metas is None:
+            metas = tuple(plant.states.values())
         many = bool(states) or s in ("v", "u", "d", "probe") or s == "sigma" and channels
         made[s] = found(s, shapes[s], metas, many, states)
     return made

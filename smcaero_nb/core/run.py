@@ -1,6 +1,7 @@
 """The result of a simulation."""
 
 import csv
+import functools
 import io
 import math
 import os
@@ -12,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal, TextIO
 import numpy as np
 
 from .assumptions import doubts, perturbation
-from .leaves import Leaf, at, heads
+from .leaves import Leaf, at, heads, named
 from .metrics import Metrics, metrics
 from .program import Program
 from .stages import SIGNALS, STAGES
@@ -117,7 +118,12 @@ class Run:
     diverged_at: float | None
     steps: int
     tau: float
-    _leaves: dict[str, tuple[Leaf, ...]]
+    _shapes: dict[str, Any]
+
+    @functools.cached_property
+    def _leaves(self) -> dict[str, tuple[Leaf, ...]]:
+        # not those of the program: loops that differ in units alone share it
+        return named(self.loop, self._shapes)
 
     def leaves(self, signal: str) -> tuple[Leaf, ...]:
         """Describe each number of a signal: ``run.leaves("e")``.
@@ -257,7 +263,7 @@ def result(loop: "ClosedLoop", program: Program, rec: np.ndarray, end: dict[str,
     return Run(loop=loop, t=t, tau=tau, steps=k, tail=max(k - k_tail, 0)*dt, xi=xi,
                ended="diverged" if diverged else "stopped" if stopped else "done",
                stopped_at=k*dt if stopped else None, diverged_at=k*dt if diverged else None,
-               _leaves=program.leaves, **signals, **made)
+               _shapes=program.shapes, **signals, **made)
 
 
 def _probed(loop: "ClosedLoop", program: Program,
