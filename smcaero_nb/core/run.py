@@ -133,7 +133,8 @@ class Run:
         KeyError
             The signal is not recorded.
         """
-        return self._leaves[signal]
+        same = signal == "y_m" and signal not in self._leaves  # without a sensor
+        return self._leaves["y" if same else signal]
 
     def metrics(self) -> Metrics:
         """Return the figures of merit of the run."""
