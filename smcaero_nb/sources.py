@@ -62,3 +62,6 @@ SHTESSEL_2017 = Source("Y. Shtessel, J. A. Moreno and L. M. Fridman", 2017,
 SLOTINE_1991 = Source("J.-J. E. Slotine and W. Li", 1991, "Applied Nonlinear Control",
                       "Prentice Hall")
 UTKIN_1992 = Source("V. I. Utkin", 1992, "Sliding Modes in Control and Optimization", "Springer")
+UTKIN_1996 = Source("V. I. Utkin and J. Shi", 1996,
+                    "Integral sliding mode in systems operating under uncertainty conditions",
+                    "35th IEEE Conference on Decision and Control, 4591-4596")
