@@ -19,6 +19,9 @@ DING_2016 = Source("S. Ding, A. Levant and S. Li", 2016,
                    "Simple homogeneous sliding-mode controller", "Automatica 67, 22-32")
 EDWARDS_1998 = Source("C. Edwards and S. K. Spurgeon", 1998,
                       "Sliding Mode Control: Theory and Applications", "Taylor and Francis")
+EDWARDS_2014 = Source("C. Edwards and Y. Shtessel", 2014,
+                      "Dual-layer adaptive sliding mode control",
+                      "American Control Conference")
 EDWARDS_2016 = Source("C. Edwards and Y. B. Shtessel", 2016,
                       "Adaptive continuous higher order sliding mode control",
                       "Automatica 65, 183-190")
@@ -28,7 +31,13 @@ GRAHAM_1953 = Source("D. Graham and R. C. Lathrop", 1953,
 GUTMAN_1979 = Source("S. Gutman", 1979,
                      "Uncertain dynamical systems: a Lyapunov min-max approach",
                      "IEEE Transactions on Automatic Control 24, 437-443")
+HUANG_2008 = Source("Y.-J. Huang, T.-C. Kuo and S.-H. Chang", 2008,
+                    "Adaptive sliding-mode control for nonlinear systems with uncertain parameters",
+                    "IEEE Transactions on Systems, Man, and Cybernetics, Part B 38, 534-539")
 ISIDORI_1995 = Source("A. Isidori", 1995, "Nonlinear Control Systems", "Springer")
+KOCH_2020 = Source("S. Koch, M. Reichhartinger, M. Horn and L. Fridman", 2020,
+                   "Discrete-time implementation of homogeneous differentiators",
+                   "IEEE Transactions on Automatic Control 65, 757-762")
 LEVANT_1993 = Source("A. Levant", 1993,
                      "Sliding order and sliding accuracy in sliding mode control",
                      "International Journal of Control 58, 1247-1263")

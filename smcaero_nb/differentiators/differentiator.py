@@ -10,7 +10,7 @@ from ..core.card import Differentiator
 from ..core.family import family, written
 from ..core.param import chosen
 from ..core.signal import first, generated, leaves, text
-from ..sources import KODE, LEVANT_2003, LEVANT_2020, LIVNE_2014
+from ..sources import KOCH_2020, KODE, LEVANT_2003, LEVANT_2020, LIVNE_2014
 from .coefficients import LAMBDA
 from .methods import METHODS, newton
 
@@ -63,8 +63,7 @@ DOC = r"""Robust exact differentiator of {of}, {method}, n_d = {n_d}, n_f = {n_f
 
     References
     ----------
-    Paper eqs (41)-(43). A. Levant and M. Livne, European J. Control (2019), doi
-    10.1016/j.ejcon.2019.08.006.
+    Paper eqs (41)-(43). A. Levant and M. Livne, European J. Control 55 (2020) 33.
     """
 
 
@@ -111,7 +110,7 @@ def memory(n_d, unit):
     return {**z, "started": (0.0, started)}
 
 
-@family(card=Differentiator(source=(KODE, LEVANT_2003, LIVNE_2014, LEVANT_2020)))
+@family(card=Differentiator(source=(KODE, LEVANT_2003, LIVNE_2014, LEVANT_2020, KOCH_2020)))
 def differentiator(n_d: int, n_f: int = 0, method: str = "levant", of: str = "e") -> Block:
     r"""Levant's robust exact differentiator of a sampled signal, with or without a filter.
 
@@ -189,10 +188,10 @@ def differentiator(n_d: int, n_f: int = 0, method: str = "levant", of: str = "e"
 
     References
     ----------
-    Paper eqs (41)-(43). A. Levant, Int. J. Control 76 (2003) 924. M. Livne and A. Levant,
-    Automatica 50 (2014). A. Levant and M. Livne, European J. Control (2019), doi
-    10.1016/j.ejcon.2019.08.006. R. Seeber, arXiv 2404.02770. Graz University of Technology, Robust
-    Exact Differentiator toolbox.
+    Paper eqs (41)-(43). A. Levant, Int. J. Control 76 (2003) 924. `levant`: M. Livne and A. Levant,
+    Automatica 50 (2014) 2007. Filter: A. Levant and M. Livne, European J. Control 55 (2020) 33.
+    `implicit`: after R. Seeber, arXiv 2404.02770. `matching`: S. Koch, M. Reichhartinger, M. Horn
+    and L. Fridman, IEEE Trans. Automatic Control 65 (2020) 757.
 
     Examples
     --------

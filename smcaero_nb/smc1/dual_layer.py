@@ -8,7 +8,7 @@ from ..core import Block, Param, block
 from ..core.card import Law
 from ..core.family import family
 from ..core.signal import filtered, norm, scaled, sign
-from ..sources import EDWARDS_2016, KODE
+from ..sources import EDWARDS_2014, KODE
 from .relay import LAYERED, Layer
 
 __all__ = ["dual_layer_quasi_smc", "dual_layer_smc", "dual_layer_unit_vector"]
@@ -35,8 +35,9 @@ LAYERS = dict(k=(0.1, Param("k(0)", "[v]", low=0.0, help="gain to start with", s
                        slider=(0.0, 10.0))))
 V_EQ = Param(r"\bar v_{eq}(0)", "[v]", help="equivalent control to start with", slider=(-2.0, 2.0))
 
-FOLLOWING = Law(order=1, r=1, adaptive=True, needs="that |xi'| and |xi''| are bounded",
-                guarantees="sigma = 0 after a finite time", source=(KODE, EDWARDS_2016))
+FOLLOWING = Law(order=1, r=1, adaptive=True,
+                needs="that |xi'| is bounded, and gamma large enough for its bound",
+                guarantees="sigma = 0 after a finite time", source=(KODE, EDWARDS_2014))
 VECTOR = replace(FOLLOWING, channels=True)
 
 
@@ -100,14 +101,19 @@ def dual_layer_smc(sigma, z, tau, eta: Eta = 0.05, alpha: Alpha = 0.9, eps: Eps 
 
     Erratum: nothing in (18) keeps k from falling below 0; here it is held at 0 or above. eps and
     eta must be larger than 0: without them k can reach 0 while v_eq is 0, and stays there however
-    large sigma becomes. The sufficient condition of the source, eps^2/4 > delta_0^2 + (q
-    L_1/alpha)^2/gamma with \|xi''\| <= L_1 and a factor q > 1, contains delta_0 < eps/2. It is
-    sufficient only: the defaults meet it for L_1 < 0.17, and slide where \|xi''\| is ten times as
-    large.
+    large sigma becomes.
+
+    The gain follows xi, so it is the speed of xi that it has to match: the sufficient condition of
+    the source is eps^2/4 > delta_0^2 + (q L_1/alpha)^2/gamma with \|xi'\| <= L_1 and a factor q >
+    1, and contains delta_0 < eps/2. A bound of \|xi''\| is not enough: under xi = 10 (t - 5), from
+    t = 5 s on, \|sigma\| reaches 10.1 with the defaults, before the gain has caught up. The
+    condition is sufficient only: the defaults meet it for L_1 < 0.17, and slide where \|xi'\| is
+    ten times as large. In `hosmc.adaptive_continuous` the gain follows xi', and there it is
+    \|xi''\| that counts.
 
     References
     ----------
-    Paper eqs (16)-(20), m = 1. C. Edwards and Y. Shtessel, Automatica 65 (2016) 183.
+    Paper eqs (16)-(20), m = 1. C. Edwards and Y. Shtessel, American Control Conf., 2014.
     """
     k, r, v_eq = z
     v = (k + eta)*sign(sigma)
@@ -166,8 +172,8 @@ def dual_layer_quasi_smc(sigma, z, tau, eta: Eta = 0.05, alpha: Alpha = 0.9, eps
 
     References
     ----------
-    Paper eqs (16)-(20), m = 1, and its Fig. 9. C. Edwards and Y. Shtessel, Automatica 65 (2016)
-    183.
+    Paper eqs (16)-(20), m = 1, and its Fig. 9. C. Edwards and Y. Shtessel, American Control Conf.,
+    2014.
     """
     k, r, v_eq = z
     v = (k + eta)*sigma/(abs(sigma) + width)
@@ -212,7 +218,7 @@ def dual_layer_unit_vector(m: int = 2) -> Block:
 
     References
     ----------
-    Paper eqs (16)-(20). C. Edwards and Y. Shtessel, Automatica 65 (2016) 183.
+    Paper eqs (16)-(20). C. Edwards and Y. Shtessel, American Control Conf., 2014.
     """
     m = Param(low=2, high=8).check("dual_layer_unit_vector", "m", m, int)
 
