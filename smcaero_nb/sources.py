@@ -12,6 +12,9 @@ ASTROM_1995 = Source("K. J. Astrom and T. Hagglund", 1995,
 BHAT_2005 = Source("S. P. Bhat and D. S. Bernstein", 2005,
                    "Geometric homogeneity with applications to finite-time stability",
                    "Mathematics of Control, Signals and Systems 17, 101-127")
+BOIKO_2005 = Source("I. Boiko and L. Fridman", 2005,
+                    "Analysis of chattering in continuous sliding-mode controllers",
+                    "IEEE Transactions on Automatic Control 50, 1442-1446")
 BURTON_1986 = Source("J. A. Burton and A. S. I. Zinober", 1986,
                      "Continuous approximation of variable structure control",
                      "International Journal of Systems Science 17, 875-885")

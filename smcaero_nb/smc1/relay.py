@@ -21,15 +21,23 @@ LAYERED = replace(RELAY, order=None, continuous=True,
                   guarantees="sigma within a boundary layer after a finite time")
 
 
-def relayed(values, a):
+def relayed(values, a, omega):
     """Describing function of the relay."""
     return 4.0*values["rho"]/(math.pi*a)
 
 
-def saturated(values, a):
+def saturated(values, a, omega):
     """Describing function of the saturation."""
     q = min(values["eps"]/a, 1.0)
     return 2.0*values["rho"]/(math.pi*values["eps"])*(math.asin(q) + q*math.sqrt(1.0 - q*q))
+
+
+def sigmoid(values, a, omega):
+    r"""Describing function of the sigmoid: of sin^2/(sin + q) = sin - q + q^2/(sin + q)."""
+    q = values["eps"]/a
+    w = math.sqrt(abs(1.0 - q*q))
+    rest = 2.0 if w == 0.0 else 2.0/w*(math.acosh(1.0/q) if q < 1.0 else math.acos(1.0/q))
+    return 2.0*values["rho"]/(math.pi*a)*(2.0 - math.pi*q + q*q*rest)
 
 
 @block(output=Param("v"), card=replace(RELAY, describing=relayed, source=(KODE, UTKIN_1992)))
@@ -68,7 +76,7 @@ def sign_smc(sigma, rho: Rho = 2.0):
     return rho*sign(sigma)
 
 
-@block(output=Param("v"), card=replace(LAYERED, source=(KODE, BURTON_1986)))
+@block(output=Param("v"), card=replace(LAYERED, describing=sigmoid, source=(KODE, BURTON_1986)))
 def quasi_smc(sigma, rho: Rho = 2.0, eps: Layer = 0.1):
     r"""Continuous (quasi) sliding mode control, sigmoid.
 

@@ -44,6 +44,11 @@ def assumed(values, xi, dxi):
     return exceeds("L", "|xi'|", rate=True)(values, xi, dxi) or exceeds("v_M")(values, xi, dxi)
 
 
+def described(values, a, omega):
+    """Describing function within v_M: two relays, a quarter period apart, integrated."""
+    return 4.0/(math.pi*a*omega)*(values["alpha_2"] - 1.0j*values["alpha_1"])
+
+
 Alpha1 = Annotated[float,
                    Param(r"\alpha_1", "[v]/s", low=0.0, help="gain of sign(sigma)",
                          slider=(0.0, 20.0))]
@@ -60,7 +65,7 @@ Bound = Annotated[float,
        card=Law(order=2, r=1, sees="derivatives", continuous=True,
                 needs="the bounds of |xi| and |xi'|",
                 guarantees="sigma = sigma' = 0 after a finite time", assumes=assumed,
-                source=(KODE, LEVANT_1993)))
+                describing=described, source=(KODE, LEVANT_1993)))
 def twisting(sigma, z, tau, alpha_1: Alpha1 = 2.4, alpha_2: Alpha2 = 1.2, v_M: Limit = 3.0,
              L: Bound = 1.0):
     r"""Twisting control, integrated: continuous.
