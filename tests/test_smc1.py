@@ -253,6 +253,42 @@ def test_the_second_layer_starts_from_its_initial_state():
     assert simulate(loop(again.with_(r=4.0), 0.0, a=0.1), 1e-3, 1e-3).z.law.r[0] >= 4.0
 
 
+# ---- what the dynamics sigma' = xi - v leave open ------------------------------------------------
+@block(state=dict(a=0.1, b=0.0))
+def with_zero(x, u):
+    return x[1], -x[0] - 2.0*x[1] + u
+
+
+@block
+def zero_at(x, z=1.0):
+    """Of (s + z)/(s + 1)^2."""
+    return z*x[0] + x[1]
+
+
+@pytest.mark.parametrize("rho", [2.0, 20.0])
+def test_a_zero_in_the_right_half_plane_grows_while_sigma_is_0_until_no_gain_suffices(rho):
+    held = ClosedLoop(with_zero, output=zero_at, law=sign_smc.with_(rho=rho))
+    run = simulate(held.with_(output__z=-1.0), 6.0, 1e-3, record=6000, jit=False)
+    lost = run.t[abs(run.sigma) < 4e-3*rho][-1]
+    slides = (run.t > 0.5) & (run.t < lost)
+    growth = np.polyfit(run.t[slides], np.log(run.x.a[slides]), 1)[0]
+    assert growth == pytest.approx(1.0, rel=0.02)  # x' = -z x
+    assert 4.0*run.x.a[slides][-1] == pytest.approx(rho, rel=0.15)  # |xi| = (1 - z)^2 |x|
+    assert abs(run.sigma[-1]) > 0.5*rho
+    run = simulate(held, 6.0, 1e-3, record=6000, jit=False)  # zero at -1
+    assert abs(run.sigma[-1]) < 4e-3*rho and abs(run.x.a[-1]) < 0.01
+
+
+@pytest.mark.parametrize("G", [0.6, 1.4])
+def test_an_error_of_the_gain_asks_for_more_than_the_bound_over_one_less_the_error(G):
+    """sigma' = xi - G v, |G - 1| <= gamma: L/(1 - gamma) holds for both signs of the error."""
+    law, L = sign_smc.with_(rho=1.05*0.9/(1.0 - 0.4)), 0.9
+    scaled = loop(law, 0.1, c=L).with_(allocation=decoupling(1.0/G))
+    assert simulate(scaled, 20.0, 1e-3).tail_sigma < 5e-3
+    less = simulate(scaled.with_(law__rho=0.95*0.9/(1.0 - 0.4)), 20.0, 1e-3)
+    assert (less.tail_sigma > 0.1) == (G < 1.0)
+
+
 # ---- several inputs ------------------------------------------------------------------------------
 G0 = np.array([[2.0, 1.0], [-1.0, 3.0]])
 # G = G0 (I + WRONG): rows sum to 0.5, and those of G0 WRONG G0^-1 too
