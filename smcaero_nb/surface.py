@@ -1,4 +1,4 @@
-"""Sliding variables: sigma = 0 is the wanted motion of the error.
+"""Sliding variables: sigma = 0 is the motion that is wanted of the error.
 
 For relative degree r, sigma = e^(r-1) + c_(r-2) e^(r-2) + ... + c_0 e + c_-1 int e, paper eq (9).
 """
@@ -162,9 +162,9 @@ def itae(r: int, settling_time: float = 8.0, integral: bool = True, table: str =
         As in `coefficients`.
     derivative : bool or str
         True gives (sigma, sigma'), as twisting needs; the error must then come with r derivatives
-        instead of r - 1. ``"difference"`` takes sigma' from the sample before, (sigma -
-        sigma_before)/tau, and needs no more of the error: it lags by half a sample, and noise in
-        sigma comes out of it 1/tau times as large.
+        instead of r - 1. ``"difference"`` takes sigma' from the previous sample, (sigma -
+        sigma_before)/tau, and needs no further derivative: it lags by half a sample, and amplifies
+        noise in sigma 1/tau times.
 
     Returns
     -------
@@ -367,7 +367,7 @@ def integral_sliding(r: int, nominal: Block) -> Block:
 
 @family(card=Surface(source=(LEVANT_1993,)))
 def differenced(r: int) -> Block:
-    r"""The error, its derivatives, and one more from the sample before, for degree r + 1.
+    r"""The error, its derivatives, and one more by difference from the previous sample.
 
     .. math:: (\sigma, \dot\sigma, ..., \sigma^{(r)}), \qquad
         \sigma^{(r)}_k = (\sigma^{(r-1)}_k - \sigma^{(r-1)}_{k-1})/\tau
@@ -375,7 +375,7 @@ def differenced(r: int) -> Block:
     Parameters
     ----------
     r : int
-        How many the error comes with: the error itself and r - 1 derivatives, 1 to 5.
+        Length of the error, which comes with r - 1 derivatives, 1 to 5.
 
     Returns
     -------
@@ -389,9 +389,9 @@ def differenced(r: int) -> Block:
 
     Notes
     -----
-    With ``hosmc.integrated`` as allocation it raises the relative degree by one. The difference
-    lags by half a sample, and noise comes out of it 1/tau times as large; where there is noise, a
-    differentiator does better.
+    For laws of relative degree r + 1: with ``hosmc.integrated`` as allocation it raises the
+    relative degree by one. The difference lags by half a sample and amplifies noise 1/tau times;
+    where there is noise, a differentiator does better.
 
     References
     ----------
@@ -409,7 +409,7 @@ def differenced(r: int) -> Block:
 
 @family(card=Surface(source=(KODE, LEVANT_2003)))
 def truncated(r: int) -> Block:
-    r"""The error with as many derivatives as a law is for, of a differentiator that gives more.
+    r"""The error with as many derivatives as the law needs, from a differentiator that gives more.
 
     .. math:: (\sigma, \dot\sigma, ..., \sigma^{(r-1)}) = (e, \dot e, ..., e^{(r-1)})
 
@@ -430,8 +430,8 @@ def truncated(r: int) -> Block:
 
     Notes
     -----
-    The highest derivative that a differentiator gives is the one that chatters; of an order higher
-    than r - 1 it gives the law smooth ones. For laws of the whole tuple (`smc.hosmc`); `itae` and
+    The highest derivative of a differentiator chatters; one of an order higher than r - 1 gives the
+    law smooth derivatives. For laws that take the whole tuple (`smc.hosmc`); `itae` and
     `polynomial` take what they need by themselves.
 
     References

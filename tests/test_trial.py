@@ -53,7 +53,7 @@ def test_slopes_show_the_order_of_the_method(method, wanted):
     late = len(found.t)//2
     wanted = np.abs(found.estimates - found.truth)[:, late:].max(1)
     np.testing.assert_array_equal(found.errors, wanted)
-    assert str(found) == "L = 2; greatest errors in the second half: " + ", ".join(
+    assert str(found) == "L = 2; maximum errors in the second half: " + ", ".join(
         f"|z_{i} - f^({i})| {e:.2g}" for i, e in enumerate(wanted))
 
 

@@ -94,9 +94,9 @@ def nested(r: int) -> Block:
 
     Notes
     -----
-    v chatters also on the way to sigma = 0, where it slides from one inner surface to the next;
+    v chatters on the way to sigma = 0, too, while it slides along one inner surface after another;
     `quasi_continuous` does not. Sampled every tau, :math:`|\sigma^{(i)}| \sim \tau^{r-i}`; large
-    gains need small tau.
+    gains need a small tau.
 
     Order 5 is experimental: no coefficients for it were found in print. With those here, sampled
     every 0.5 ms, the gains 60 and 100 to 160 settled in all of 80 trials, 70 to 90 in all but one

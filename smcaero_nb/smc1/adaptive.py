@@ -45,7 +45,7 @@ def adaptive_smc(sigma, z, tau, gamma: Gamma = 10.0, delta: Delta = 0.02):
     gamma : float
         Speed of the adaptation [v]/([sigma] s).
     delta : float
-        Accepted :math:`|\sigma|`: the gain stops for good once it is held.
+        Accepted :math:`|\sigma|`: the gain stops growing once sigma stays within it.
 
     Returns
     -------
@@ -54,11 +54,11 @@ def adaptive_smc(sigma, z, tau, gamma: Gamma = 10.0, delta: Delta = 0.02):
 
     Notes
     -----
-    The gain never falls: what the approach to :math:`\sigma = 0` takes, about
-    :math:`\sqrt\gamma\,|\sigma(0)|`, it keeps, and the chattering with it. Begin near
-    :math:`\sigma = 0`, or use `plestan_smc` or `dual_layer_smc`. Sampled every tau the relay moves
+    The gain never falls: it keeps what the approach to :math:`\sigma = 0` took, about
+    :math:`\sqrt\gamma\,|\sigma(0)|`, and the chattering that goes with it. Begin near
+    :math:`\sigma = 0`, or use `plestan_smc` or `dual_layer_smc`. Sampled every tau, the relay moves
     sigma by up to tau (rho + L), so `delta` has to be larger than that: otherwise the gain grows
-    for ever.
+    without bound.
 
     With several inputs, paper eq (15), one such law a channel:
     ``channels(a=adaptive_smc, b=adaptive_smc.with_(gamma=9.0))``.
@@ -74,7 +74,7 @@ def adaptive_smc(sigma, z, tau, gamma: Gamma = 10.0, delta: Delta = 0.02):
 
 Least = Annotated[float,
                   Param(r"\mu", "[v]", low=1e-9, log=True, slider=(1e-3, 1.0),
-                        help="least gain; a gain below it grows by as much in a second")]
+                        help="minimum gain; a gain below it grows by as much in a second")]
 
 
 @block(state=GAIN, output=Param("v"),
@@ -99,7 +99,7 @@ def plestan_smc(sigma, z, tau, gamma: Gamma = 500.0, delta: Delta = 0.02, mu: Le
     delta : float
         Accepted :math:`|\sigma|`: the gain grows above it and falls below it.
     mu : float
-        Least gain [v], and the growth [v]/s of a gain below it.
+        Minimum gain [v], and the growth [v]/s of a gain below it.
 
     Returns
     -------
@@ -115,7 +115,7 @@ def plestan_smc(sigma, z, tau, gamma: Gamma = 500.0, delta: Delta = 0.02, mu: Le
     The gain falls at the rate gamma \|sigma\|, and while sigma slides \|sigma\| is what sampling
     leaves, about tau rho/4: a finer step makes the gain fall more slowly. Sampled every tau, the
     accepted size is 4 tau rho where this is larger than delta, as its authors recommend: otherwise
-    the chattering of a large gain would raise it for ever.
+    the chattering of a large gain would raise it without bound.
 
     References
     ----------
@@ -145,7 +145,7 @@ def adaptive_quasi_smc(sigma, z, tau, gamma: Gamma = 10.0, delta: Delta = 0.02, 
     gamma : float
         Speed of the adaptation [v]/([sigma] s).
     delta : float
-        Accepted :math:`|\sigma|`: the gain stops for good once it is held.
+        Accepted :math:`|\sigma|`: the gain stops growing once sigma stays within it.
     eps : float
         Width of the boundary layer [sigma].
 
@@ -188,7 +188,7 @@ def adaptive_unit_vector(sigma, z, tau, gamma: Gamma = 10.0, delta: Delta = 0.02
     gamma : float
         Speed of the adaptation [v]/([sigma] s).
     delta : float
-        Accepted :math:`\|\sigma\|`: the gain stops for good once it is held.
+        Accepted :math:`\|\sigma\|`: the gain stops growing once sigma stays within it.
 
     Returns
     -------
@@ -227,7 +227,7 @@ def adaptive_quasi_unit_vector(sigma, z, tau, gamma: Gamma = 10.0, delta: Delta 
     gamma : float
         Speed of the adaptation [v]/([sigma] s).
     delta : float
-        Accepted :math:`\|\sigma\|`: the gain stops for good once it is held.
+        Accepted :math:`\|\sigma\|`: the gain stops growing once sigma stays within it.
     eps : float
         Width of the boundary layer [sigma].
 

@@ -19,7 +19,8 @@ Alpha = Annotated[float, Param(r"\alpha", low=0.01, high=0.999, slider=(0.5, 0.9
                                help="safety factor: k is held above v_eq/alpha")]
 Eps = Annotated[float,
                 Param(r"\epsilon", "[v]", low=1e-9, help="safety margin of k", slider=(0.01, 1.0))]
-R0 = Annotated[float, Param("r_0", "[v]/s", low=1e-9, help="least speed of k", slider=(0.01, 5.0))]
+R0 = Annotated[float,
+               Param("r_0", "[v]/s", low=1e-9, help="minimum speed of k", slider=(0.01, 5.0))]
 Gamma = Annotated[float,
                   Param(r"\gamma", "1/s^2", low=0.0, log=True, help="growth of the speed of k",
                         slider=(0.01, 100.0))]
@@ -78,14 +79,14 @@ def dual_layer_smc(sigma, z, tau, eta: Eta = 0.05, alpha: Alpha = 0.9, eps: Eps 
     eps : float
         Safety margin of k [v].
     r_0 : float
-        Least speed of k [v]/s.
+        Minimum speed of k [v]/s.
     gamma : float
         Growth of the speed of k [1/s^2].
     delta_0 : float
         Accepted error of k [v], less than eps/2.
     tau_f : float
-        Time constant of the filter that finds v_eq [s]: many sampling steps, and short beside the
-        perturbation's changes.
+        Time constant of the filter that finds v_eq [s]: many sampling steps, but short compared
+        with the perturbation's changes.
 
     Returns
     -------
@@ -95,9 +96,8 @@ def dual_layer_smc(sigma, z, tau, eta: Eta = 0.05, alpha: Alpha = 0.9, eps: Eps 
     Notes
     -----
     While sigma slides, the filtered v is the perturbation, so the gain comes down again when the
-    perturbation drops. The speed r never falls: a run starts from the initial state r(0), so
-    ``with_(r=0.0)``, or a larger r(0), sets it anew. Sampled every tau, |sigma| stays within about
-    tau (k + eta + L).
+    perturbation drops. The speed r never falls within a run; the next run starts from the initial
+    state r(0) again. Sampled every tau, |sigma| stays within about tau (k + eta + L).
 
     Erratum: nothing in (18) keeps k from falling below 0; here it is held at 0 or above. eps and
     eta must be larger than 0: without them k can reach 0 while v_eq is 0, and stays there however
@@ -148,7 +148,7 @@ def dual_layer_quasi_smc(sigma, z, tau, eta: Eta = 0.05, alpha: Alpha = 0.9, eps
     eps : float
         Safety margin of k [v].
     r_0 : float
-        Least speed of k [v]/s.
+        Minimum speed of k [v]/s.
     gamma : float
         Growth of the speed of k [1/s^2].
     delta_0 : float

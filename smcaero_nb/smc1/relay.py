@@ -62,7 +62,7 @@ def sign_smc(sigma, rho: Rho = 2.0):
     -----
     Reaches :math:`\sigma = 0` within :math:`|\sigma(0)|/(\rho - L)`. Sampled every tau it chatters:
     :math:`|\sigma|` stays within about tau (rho + L), and v switches every few samples. Behind an
-    actuator it is a limit cycle.
+    actuator it ends in a limit cycle.
 
     With several inputs, R = diag(rho_i) is one such law a channel:
     ``channels(a=sign_smc.with_(rho=2.0), b=sign_smc.with_(rho=3.0))``, each rho_i larger than the
@@ -100,9 +100,9 @@ def quasi_smc(sigma, rho: Rho = 2.0, eps: Layer = 0.1):
     Notes
     -----
     No chattering, and no exact sliding either: a constant perturbation xi leaves
-    :math:`\sigma = \varepsilon\,\xi/(\rho - |\xi|)`. Near :math:`\sigma = 0` it is a linear gain
-    rho/eps, which the actuator bounds, and sampling too: below eps = tau rho/2 it chatters like the
-    relay.
+    :math:`\sigma = \varepsilon\,\xi/(\rho - |\xi|)`. Near :math:`\sigma = 0` it acts as a linear
+    gain rho/eps, which the actuator and the sampling limit: below eps = tau rho/2 it chatters like
+    the relay.
 
     With several inputs, one such law a channel, as for `sign_smc`.
 

@@ -63,8 +63,8 @@ def super_twisting(sigma, z, tau, lam: Root = 1.5, beta: Integral = 1.1):
     Returns
     -------
     float
-        v, of :math:`\dot\sigma = \xi - v`, continuous; the perturbation may have any size, its
-        derivative not.
+        v, of :math:`\dot\sigma = \xi - v`, continuous; the perturbation may have any size, but
+        its derivative must be bounded.
 
     Notes
     -----
@@ -99,13 +99,13 @@ Accepted = Annotated[float,
                      Param(r"\mu", "[sigma]", low=0.0, log=True, help="accepted size of sigma",
                            slider=(1e-4, 1.0))]
 Least = Annotated[float,
-                  Param(r"\lambda_m", "[lam]", low=0.0, help="least gain", slider=(0.0, 2.0))]
+                  Param(r"\lambda_m", "[lam]", low=0.0, help="minimum gain", slider=(0.0, 2.0))]
 Ratio = Annotated[float,
                   Param(r"\varepsilon", "1/s", low=0.0, log=True, help="beta = eps lam",
                         slider=(1e-3, 10.0))]
 Growth = Annotated[float,
-                   Param(r"\eta", "[lam]/s", low=0.0, log=True, help="growth below the least gain",
-                         slider=(1e-3, 10.0))]
+                   Param(r"\eta", "[lam]/s", low=0.0, log=True, slider=(1e-3, 10.0),
+                         help="growth below the minimum gain")]
 
 
 @block(state=dict(lam=(1.0, LAM_0), w=(0.0, W)), output=Param("v"),
@@ -129,13 +129,13 @@ def adaptive_super_twisting(sigma, z, tau, gamma: Speed = 20.0, mu: Accepted = 1
     sigma : float
         Sliding variable.
     gamma : float
-        Speed of the adaptation [lam]/s; about ten times the bound of the perturbation's derivative
-        or more.
+        Speed of the adaptation [lam]/s; at least about ten times the bound of the perturbation's
+        derivative.
     mu : float
         Accepted :math:`|\sigma|`: above it the gain grows, below it the gain falls; well above
         tau^2 times the level of the gain.
     lam_min : float
-        Least gain.
+        Minimum gain.
     eps : float
         Ratio beta/lambda [1/s].
     eta : float
@@ -150,8 +150,8 @@ def adaptive_super_twisting(sigma, z, tau, gamma: Speed = 20.0, mu: Accepted = 1
     Notes
     -----
     The gain does not stay large: it falls until :math:`|\sigma|` reaches mu, which sigma then
-    overshoots by a factor of two to twelve. Erratum: none; the paper's beta = eps lambda belongs to
-    w' = beta sign(sigma), which is the literature's beta = 2 eps lambda with w' = (beta/2)
+    overshoots by a factor of two to twelve. Not an erratum: the paper's beta = eps lambda belongs
+    to w' = beta sign(sigma), which is the literature's beta = 2 eps lambda with w' = (beta/2)
     sign(sigma).
 
     References
