@@ -74,7 +74,7 @@ class Accuracy:
 
 def accuracy(loop: ClosedLoop, duration: float | None = None, dt: float | None = None,
              tau: float | None = None, *, factors: Sequence[float] = FACTORS,
-             method: str = "euler", progress: Callable[[float], Any] | None = None) -> Accuracy:
+             method: str | None = None, progress: Callable[[float], Any] | None = None) -> Accuracy:
     r"""Measure the order of sliding of a loop: the slope of its accuracy over the sampling step.
 
     A sliding mode of order p, sampled every tau, keeps :math:`|\sigma^{(i)}| \le m_i \tau^{p-i}`.
@@ -89,7 +89,7 @@ def accuracy(loop: ClosedLoop, duration: float | None = None, dt: float | None =
         As in `simulate` [s]; default: the loop's own.
     factors : sequence of float
         Multiples of tau, and of dt, to run with; at least four.
-    method : str
+    method : str, optional
         As in `simulate`.
     progress : callable, optional
         Called with the fraction done (0 to 1); an exception that it raises ends the

@@ -16,7 +16,7 @@ from .block import Block
 from .checks import check
 from .leaves import Leaf
 
-__all__ = ["METHODS", "Line", "Meter", "Program", "first", "parts", "paths", "serial",
+__all__ = ["METHODS", "Line", "Meter", "Program", "first", "methods", "parts", "paths", "serial",
            "step"]
 
 LIMIT = 1e12  # sum of |x|, or of |u|, beyond which any run has diverged
@@ -138,6 +138,9 @@ class Program:
         The lines tried, in order.
     values : dict
         The variables at the end of the trial.
+    exact : tuple of str
+        Variables of the matrices that advance a linear plant exactly (`exact.constants`), which
+        follow the parameters in P; empty for the methods of Runge and Kutta.
     """
 
     segments: dict[str, tuple[Line, ...]]
@@ -159,6 +162,7 @@ class Program:
     kinds: dict[str, type]
     trial: tuple[str, ...]
     values: dict[str, Any]
+    exact: tuple[str, ...] = ()
 
     def updates(self, when: str, serial: bool = False) -> list[str]:
         """Return the lines of the meters at a moment, with branches if `serial`."""
@@ -195,11 +199,19 @@ class Program:
         x, z = loop.start()
         try:
             exec(self._tried, {"t": 0.0, "tau": tau, "dt": 0.0, "k": 0, "m": m,
-                               "R": self.ring(values), "check": check, **functions, **x, **z,
-                               **values})
+                               "R": self.ring(values), "check": check,
+                               **dict.fromkeys(self.exact, 0.0), **functions, **x, **z, **values})
         except Exception:
             return False
         return True
+
+
+def methods(loop: Any) -> tuple[str, ...]:
+    """Return the integration methods for a loop, its default first.
+
+    A linear plant of python-control (`interop.from_control`) has ``"exact"``, which is its default.
+    """
+    return ("exact", *METHODS) if hasattr(loop.stages["plant"], "A") else tuple(METHODS)
 
 
 def parts(b: Any) -> list[Block]:
@@ -275,6 +287,7 @@ def _texts(p: Program, segment: str) -> list[str]:
 
 def _loaded(p: Program) -> list[str]:
     return [*(f"{q} = {CAST[p.kinds[q]].format(f'P[{i}]')}" for i, q in enumerate(p.params)),
+            *(f"{q} = P[{i}]" for i, q in enumerate(p.exact, len(p.params))),
             *(first(p.rings[:i]) for i in range(len(p.rings)))]
 
 

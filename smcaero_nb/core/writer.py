@@ -52,6 +52,7 @@ class _Writer:
         self.params = {q: v for q, (_, v, _) in loop.parameters().items()}
         x, z = loop.start()
         self.x, self.z, self.rings = tuple(x), tuple(z), []
+        self.exact: list[str] = []  # entries of the matrices of an exact step
         self.between = {}  # what the next block of a chain sees in place of a signal
         self.shapes["x"] = shape(self.stages["plant"].z0)
         self.start = {**x, **z}
@@ -77,7 +78,8 @@ class _Writer:
             made["act"] = self.written(self.act)
         held = early or "perturbation" in self.held_world
         made["disturb"] = [] if held else self.written(self.stage, "perturbation", "d")
-        made["advance"] = self.written(self.advance, METHODS[method])
+        made["advance"] = (self.written(self.advance_exactly) if method == "exact" else
+                           self.written(self.advance, METHODS[method]))
         if (asked or self.lag) and self.shapes["u"] != taken:
             who = asked[0] if asked else "latency"
             count = len(taken) if taken else "one number"
@@ -186,6 +188,31 @@ class _Writer:
             rate = f"({' + '.join(terms)})" if len(terms) > 1 else terms[0]
             x = local("x", q)
             self.write(f"{x} = {x} + dt*{rate}")
+
+    def advance_exactly(self):
+        """One exact step of a linear plant: x + F dx/dt, F the integral of exp(A s) over the step.
+
+        A perturbation without memory that moves is taken at the middle of the step.
+        """
+        n = range(len(self.x))
+
+        def moved(name, matrix, j):
+            made = [[f"{matrix}_{i}_{k}" for k in n] for i in n]
+            self.exact += [q for row in made for q in row]
+            self.values.update(dict.fromkeys(self.exact, 0.0))
+            for i, row in zip(n, made, strict=True):
+                terms = " + ".join(f"{q}*rate_{j}[{k}]" for k, q in enumerate(row))
+                self.write(f"{name}_{i} = x_{i} + ({terms})")
+
+        self.write(f"rate_0 = {self.call('plant', {})}")
+        blocks = parts(self.stages["perturbation"])
+        moves = "perturbation" not in self.held_world and any(b.signals for b in blocks)
+        if moves:
+            self.write("t_node = t + 0.5*dt")
+            moved("h", "half", 0)
+            self.stage("perturbation", "d", alias={"t": "t_node", "x": "h"})
+            self.write(f"rate_1 = {self.call('plant', {})}")
+        moved("x", "whole", int(moves))
 
     # ---- lines -----------------------------------------------------------------------------
     def written(self, write, *args):
@@ -358,7 +385,7 @@ def written(loop: Any, method: str, tau: float, m: int, lag: int = 0) -> Program
     ----------
     loop : ClosedLoop
     method : str
-        Integration method, one of `METHODS`.
+        Integration method, one of `program.methods`.
     tau : float
         Sampling step [s].
     m : int
@@ -403,4 +430,5 @@ def written(loop: Any, method: str, tau: float, m: int, lag: int = 0) -> Program
         leaves=named(loop, w.shapes), meters=tuple(meters), state=state, columns=tuple(columns),
         inside=" and ".join([f"{' + '.join(f'abs({q})' for q in every)} <= {LIMIT!r}", *bounds]),
         driven=f"{' + '.join(f'abs({q})' for q in driven)} <= {LIMIT!r}",
-        rings=tuple(w.rings), lag=lag, trial=tuple(w.trial), values=w.values)
+        rings=tuple(w.rings), lag=lag, trial=tuple(w.trial), values=w.values,
+        exact=tuple(w.exact))
