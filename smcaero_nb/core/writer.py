@@ -1,6 +1,5 @@
 """Writes the program of a loop, trying each line at t = 0 to find the shapes of the signals."""
 
-import re
 import zlib
 from typing import Any
 
@@ -9,7 +8,6 @@ from .chain import Chain
 from .checks import check, kind, place, way_out
 from .content import draws
 from .expressions import error, limits, local, zero
-from .leaves import named
 from .param import listed, said
 from .program import LIMIT, METERS, METHODS, Program, line, parts, paths
 from .signal import leaves, shape, text
@@ -48,7 +46,7 @@ class _Writer:
 
     def __init__(self, loop: Any, method: str, tau: float, m: int, lag: int):
         self.loop, self.stages, self.m, self.lag = loop, loop.stages, m, lag
-        self.functions, self.places, self.shapes, self.trial = {}, {}, {}, []
+        self.places, self.shapes, self.trial = {}, {}, []
         self.params = {f"p_{s}_{i}": v for s, p in loop.p.items() for i, v in enumerate(p)}
         x, z = loop.start()
         self.x, self.z, self.rings = tuple(x), tuple(z), []
@@ -274,7 +272,7 @@ class _Writer:
         """Call one block; return the text of its output."""
         where, numbers = f"{stage} '{b.name}'", self.numbers
         mark = f"_{numbers['part']}"*hasattr(self.stages[stage], "parts")
-        name = re.sub(r"\W", "_", f"{stage}_{b.name}") + mark
+        name = f"f_{stage}{mark}"  # not the block's: loops that differ in names share a program
         states = self.memory(stage, b, where)
         asked = [self.seen(stage, n) for n in b.signals]
         own = {"z": "(" + "".join(f"{q}, " for q in states) + ")", "tau": "tau",
@@ -287,17 +285,16 @@ class _Writer:
             raise BlockError(f"{where}: a signal it asks for has no channel {channel}: "
                              + ", ".join(told)) from None
         args += [f"p_{stage}_{numbers['p'] + j}" for j in range(len(b.params))]
-        if name not in self.functions and (source := draws(b.f)):
+        if name not in self.places and (source := draws(b.f)):
             raise BlockError(f"{where} draws random numbers with {source}, so its runs differ; "
                              "draw them once (noise = "
                              "np.random.default_rng(1).standard_normal(1000)) and read noise[...] "
                              "in the block")
-        self.functions[name], self.places[name] = (b.f, where), (stage, numbers["part"])
-        self.values[name] = b.f
+        self.places[name], self.values[name] = (stage, numbers["part"]), b.f
         result = f"out_{stage}{mark}"
         self.write(f"{result} = {name}({', '.join(args)})", where, asked)
         check(where, self.values[result], tuple(b.states), stage)
-        self.trial.append(f"check({where!r}, {result}, {tuple(b.states)!r}, {stage!r})")
+        self.trial.append(f"check({stage!r}, {result}, {tuple(b.states)!r}, {stage!r})")
         for j, q in enumerate(states):
             self.write(f"{q} = float({result}[1][{j}])")
         numbers["part"], numbers["p"] = numbers["part"] + 1, numbers["p"] + len(b.params)
@@ -350,7 +347,7 @@ def written(loop: Any, method: str, tau: float, m: int, lag: int = 0) -> Program
     held += [q for s in w.held_world for q in names[STAGES[s].gives]]
     held += [q for s in ("e_m",) if s in names for q in names[s]]
     watched = names["sigma"] + names["u"]
-    state = dict.fromkeys([*w.x, *w.z, *dict.fromkeys(held)], 0.0) | w.start
+    state = dict.fromkeys([*w.x, *w.z, *held], 0.0)
     state |= {f"{meter.name}_{q}": meter.start for meter, q in meters}
     columns = ["t", *(q for s in recorded for q in names[s]), *w.x, *w.z,
                *(f"{b}_{q}" for q in watched for b in ("low", "high")),
@@ -367,10 +364,10 @@ def written(loop: Any, method: str, tau: float, m: int, lag: int = 0) -> Program
     kinds = [k for b in loop.stages.values() if b for k in b.kinds.values()]
     return Program(
         segments={n: tuple(map(line, q)) for n, q in w.segments.items()},
-        functions=w.functions, places=w.places, params=dict(zip(w.params, full, strict=True)),
+        places=w.places, params=dict(zip(w.params, full, strict=True)),
         x=w.x, z=w.z, held=tuple(dict.fromkeys(held)), shapes=w.shapes,
-        leaves=named(loop, w.shapes), meters=tuple(meters), state=state, columns=tuple(columns),
+        meters=tuple(meters), state=state, columns=tuple(columns),
         inside=" and ".join([f"{' + '.join(f'abs({q})' for q in every)} <= {LIMIT!r}", *bounds]),
         driven=f"{' + '.join(f'abs({q})' for q in driven)} <= {LIMIT!r}",
         rings=tuple(w.rings), lag=lag,
-        kinds=dict(zip(w.params, kinds, strict=True)), trial=tuple(w.trial), values=w.values)
+        kinds=dict(zip(w.params, kinds, strict=True)), trial=tuple(w.trial))
