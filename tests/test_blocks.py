@@ -18,6 +18,7 @@ from smcaero_nb import (
     Param,
     ParameterError,
     block,
+    chain,
     channels,
     simulate,
 )
@@ -455,6 +456,26 @@ def test_the_output_follows_the_plant_in_what_they_share():
     assert simulate(loop.with_(plant__k=3.0, output__offset=0.0), 1.0, 1.0, jit=False).y[0] == 3.0
     with pytest.raises(ParameterError, match="k of the output follows the plant; set plant__k"):
         loop.with_(output__k=1.0)
+
+
+@pytest.mark.parametrize("made", [chain, channels])
+def test_parts_of_the_output_follow_the_plant_too(made):
+    @block(state=dict(x=1.0, v=1.0))
+    def plant(u, k=2.0):
+        return (-k*u[0], -k*u[1]) if isinstance(u, tuple) else (-k*u, -k*u)
+
+    @block
+    def scaled(x, k=7.0, offset=0.5):
+        return (k*x[0], k*x[1])
+
+    loop = ClosedLoop(plant, output=made(a=scaled, b=scaled), law=block(lambda t: (0.0, 0.0)))
+    factor = 9.0 if made is chain else 3.0
+    y = simulate(loop.with_(plant__k=3.0), 1.0, 1.0, jit=False).y
+    assert all(q[0] == factor for q in signal.flat(y))
+    assert loop.with_(plant__k=3.0).p["output"] == (3.0, 0.5)*2
+    assert "output__a__k" not in loop.settable() and "output__a__offset" in loop.settable()
+    with pytest.raises(ParameterError, match="k of the output follows the plant; set plant__k"):
+        loop.with_(output__b__k=1.0)
 
 
 # ---- channels ------------------------------------------------------------------------------------

@@ -8,8 +8,8 @@ import numpy as np
 
 from ..core import Block, BlockError, ClosedLoop, ParameterError, block, simulate
 from ..core.family import written
+from ..core.leaves import heads
 from ..core.param import given
-from ..core.signal import flat
 from ..core.writer import inputs
 from ..interop import matrices
 from ..records import numbers
@@ -21,16 +21,6 @@ SAMPLES = 200  # in one window
 REST, MOTION = 250, 260  # before and after the step
 FINE = 2.0  # integration steps in the fastest time constant of a model, at least
 COMPILED, PLAIN = 20000, 100  # at most in one sample
-
-
-def _outputs(s, many):
-    """The outputs, without their derivatives, as a list; `many`: the items of `s` are outputs."""
-    if not isinstance(s, tuple):
-        return [s]
-    if many:
-        return [flat(v)[0] for v in s]
-    nested = any(isinstance(v, tuple) for v in s)
-    return [q for v in s for q in _outputs(v, False)] if nested else [s[0]]
 
 
 def model(owner, source):
@@ -154,7 +144,7 @@ def _block(source, output, surface, h, amplitude, most=COMPILED):
         output = getattr(source, "y", None) if output is None else output
     u, d = inputs(plant)
     m = len(u) if isinstance(u, tuple) else 1
-    many = m > 1 and not (output and surface is None)  # states and sigma: one each
+    first = m == 1 and output is None and surface is None  # of the states
     finer = _finer(plant.name, lambda x: plant(*({"t": 0.0, "x": tuple(x), "u": u, "d": d}[n]
                                                  for n in plant.signals)),
                    plant.z0, h, most)
@@ -173,8 +163,9 @@ def _block(source, output, surface, h, amplitude, most=COMPILED):
                        jit=finer > 4 and most > PLAIN)
         if run.diverged_at is not None:
             raise _diverged(plant.name, run.diverged_at - REST*h)
-        s = run.y if surface is None else run.sigma
-        return np.array(_outputs(s, many and isinstance(s, tuple)))[:, :REST + MOTION]
+        seen = "y" if surface is None else "sigma"
+        outputs = heads(run.leaves(seen), getattr(run, seen))
+        return np.array(outputs[:1] if first else outputs)[:, :REST + MOTION]
 
     free = moved()
     return plant.name, [moved(**{f"law__u_{j}": amplitude}) - free for j in range(m)]
