@@ -9,7 +9,7 @@ from typing import Annotated
 import numpy as np
 
 from .core import Block, Param, ParameterError, block
-from .core.block import wanted
+from .core.block import Buffer, wanted
 from .core.card import Surface
 from .core.family import family, written
 from .core.param import refused, said, several, switch
@@ -356,7 +356,8 @@ def integral_sliding(r: int, nominal: Block) -> Block:
     arguments = [*signals, *(f"{n}: A_{n} = {nominal.values[n]!r}" for n in nominal.params)]
     doc = f"{integral_sliding.__doc__}\n\nThe nominal law: {nominal.__doc__}"
     f = written("integral_sliding", ", ".join(arguments), "\n".join(body), names, doc)
-    kept = {n: (nominal.values[n], m) for n, m in nominal.states.items()}
+    kept = {n: Buffer(nominal.values[n], nominal.buffers[n]) if n in nominal.buffers
+            else (nominal.values[n], m) for n, m in nominal.states.items()}
     own = dict(offset=(0.0, OFFSET), started=(0.0, STARTED))
 
     def together(values):
