@@ -350,7 +350,10 @@ def test_under_a_matched_perturbation_the_nominal_motion_is_followed(nominal):
 def test_integral_sliding_shows_its_nominal_law_and_what_the_law_opposes():
     surface = integral_sliding(2, NOMINAL)
     assert list(surface.settable) == ["k_p", "k_d", "offset", "started"]
-    assert surface.settable["k_p"] == smc.pid.pd.params["k_p"] and "v = k_p" in surface.__doc__
+    assert surface.settable["k_p"] == smc.pid.pd.params["k_p"]
+    assert surface.__doc__.startswith("Integral sliding mode around pd, relative degree 2.\n\n")
+    assert r"\int_0^t v_0\,dt" in surface.__doc__ and "\nReferences\n---" in surface.__doc__
+    assert "v = k_p" in surface.__doc__ and "e^{(1)}" in surface.__doc__
     assert surface.code() == ("smc.surface.integral_sliding(2, "
                               "smc.pid.pd.with_(k_p=4.0, k_d=3.0))")
     run = simulate(SLIDING, 0.5, method="rk4")
