@@ -18,8 +18,8 @@ try:
 except ImportError:  # simulate(..., jit=False) needs no numba
     TUPLES, overload = (tuple,), None
 
-__all__ = ["filtered", "first", "flat", "leaves", "norm", "scaled", "shape", "sign", "solution",
-           "solved", "text"]
+__all__ = ["filled", "filtered", "first", "flat", "leaves", "norm", "scaled", "shape", "sign",
+           "solution", "solved", "text"]
 
 
 def sign(s: float) -> float:
@@ -40,6 +40,11 @@ def leaves(s: Any, path: str = "") -> list[str]:
 def text(s: Any, names: Iterator[str]) -> str:
     """Return the source of a signal of shape `s` whose leaves `names` yields."""
     return next(names) if s is None else "(" + "".join(text(v, names) + ", " for v in s) + ")"
+
+
+def filled(s: Any, values: Iterator) -> Any:
+    """Return a signal of shape `s` whose leaves `values` yields."""
+    return next(values) if s is None else tuple([filled(v, values) for v in s])
 
 
 def flat(s: Any) -> list:
