@@ -78,8 +78,10 @@ class Run:
         declared in its metadata [s].
     steps : int
         Number of steps taken.
-    tau : float
-        Sampling step [s].
+    tau, dt : float
+        Sampling step and integration step [s].
+    method : str
+        Integration method.
     """
 
     loop: "ClosedLoop"
@@ -119,6 +121,8 @@ class Run:
     diverged_at: float | None
     steps: int
     tau: float
+    dt: float
+    method: str
     _shapes: dict[str, Any]
 
     @functools.cached_property
@@ -223,8 +227,8 @@ def _nested(names: Any, values: Callable[[str], Any], prefix: str = "") -> Any:
 
 
 def result(loop: "ClosedLoop", program: Program, rec: np.ndarray, end: dict[str, float],
-           before: dict[str, float], k: int, k_tail: int, dt: float, m: int, stopped: bool,
-           diverged: bool) -> Run:
+           before: dict[str, float], k: int, k_tail: int, dt: float, m: int, method: str,
+           stopped: bool, diverged: bool) -> Run:
     """Make a `Run` of the records, the figures at the end and the figures before the tail."""
     columns = dict(zip(program.columns, rec.T, strict=True))
     law = loop.stages["law"] is not None
@@ -264,7 +268,8 @@ def result(loop: "ClosedLoop", program: Program, rec: np.ndarray, end: dict[str,
     xi = None
     if law:
         xi = perturbation(loop.stages["law"], t, signals["sigma"], signals["v"], integral, tau)
-    return Run(loop=loop, t=t, tau=tau, steps=k, tail=max(k - k_tail, 0)*dt, xi=xi,
+    return Run(loop=loop, t=t, tau=tau, dt=dt, method=method, steps=k, xi=xi,
+               tail=max(k - k_tail, 0)*dt,
                ended="diverged" if diverged else "stopped" if stopped else "done",
                stopped_at=k*dt if stopped else None, diverged_at=k*dt if diverged else None,
                _shapes=program.shapes, **signals, **made)

@@ -114,7 +114,7 @@ def simulate(loop: ClosedLoop, duration: float | None = None, dt: float | None =
     rec = np.empty((-(-n//every) + 1, len(program.columns)))
     rec, end, before, k, stopped, diverged = _driven(
         f, program, loop, rec, dt, m, n, every, k_tail, 1000 if jit else 20, progress)
-    return result(loop, program, rec, end, before, k, k_tail, dt, m, stopped, diverged)
+    return result(loop, program, rec, end, before, k, k_tail, dt, m, method, stopped, diverged)
 
 
 def _method(loop: ClosedLoop, method: str | None) -> str:
