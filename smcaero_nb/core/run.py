@@ -15,6 +15,7 @@ import numpy as np
 from .assumptions import doubts, perturbation
 from .leaves import Leaf, at, described, heads, named
 from .metrics import Metrics, metrics
+from .param import refused
 from .program import Program
 from .stages import SIGNALS, STAGES
 
@@ -158,6 +159,11 @@ class Run:
         -------
         str or None
             The text if no path is given.
+
+        Raises
+        ------
+        ParameterError
+            A path that is neither a path nor a file.
         """
         columns = {"t [s]": self.t}
         for signal in SIGNALS[1:]:
@@ -175,6 +181,8 @@ class Run:
         if isinstance(path, (str, os.PathLike)):
             with open(path, "w", encoding="utf-8", newline="") as f:
                 f.write(made.getvalue())
+        elif not hasattr(path, "write"):
+            raise refused("Run.to_csv", "path", path, "a path or an open text file")
         else:
             path.write(made.getvalue())
         return None
