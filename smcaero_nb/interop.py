@@ -174,6 +174,9 @@ def from_control(sys: Any) -> Block:
     return linear(A, B, C, D, _identifiers(labels), sys.name)
 
 
+vars(from_control)["card"] = Plant()  # as of `linear`, which makes the block: `catalogue` lists it
+
+
 @family(card=Plant())
 def linear(A, B, C, D, states, name):
     """Plant block of x' = A x + B (u + d), with its output y as attribute; see `from_control`."""

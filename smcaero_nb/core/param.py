@@ -280,9 +280,12 @@ def several(owner: str, name: str, values: Any) -> tuple:
     return tuple(values)
 
 
-def unknown(owner: str, name: str, known: Iterable[str]) -> ParameterError:
-    """The error for a name that `owner` does not have."""
-    near = difflib.get_close_matches(name, known, 1)
+def unknown(owner: str, name: str, known: Iterable[str],
+            inside: Iterable[str] = ()) -> ParameterError:
+    """The error for a name that `owner` does not have; `inside` are names that reach into parts."""
+    known, inside = [*known], [*inside]
+    near = [n for n in inside if n.endswith(f"__{name}")][:3]
+    near = near or difflib.get_close_matches(name, [*known, *inside], 1)
     return ParameterError(f"{owner} has no {said(name)}"
-                          + (f"; did you mean {said(near[0])}?" if near else ".")
+                          + (f"; did you mean {' or '.join(map(said, near))}?" if near else ".")
                           + f" It has: {listed(known, 'nothing to set')}")

@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Any, Literal, TextIO
 import numpy as np
 
 from .assumptions import doubts, perturbation
-from .leaves import Leaf, at, described, heads, named
+from .leaves import Leaf, at, heads, leaves_of, named
 from .metrics import Metrics, metrics
+from .param import refused
 from .program import Program
 from .signal import filled, shape
 from .stages import SIGNALS, STAGES
@@ -163,6 +164,11 @@ class Run:
         -------
         str or None
             The text if no path is given.
+
+        Raises
+        ------
+        ParameterError
+            A path that is neither a path nor a file.
         """
         columns = {"t [s]": self.t}
         for signal in SIGNALS[1:]:
@@ -181,6 +187,8 @@ class Run:
         if isinstance(path, (str, os.PathLike)):
             with open(path, "w", encoding="utf-8", newline="") as f:
                 f.write(made.getvalue())
+        elif not hasattr(path, "write"):
+            raise refused("Run.to_csv", "path", path, "a path or an open text file")
         else:
             path.write(made.getvalue())
         return None
@@ -251,7 +259,7 @@ def result(loop: "ClosedLoop", program: Program, rec: np.ndarray, end: dict[str,
     integral = signal("v", columns.__getitem__, "integral_") if law else None
     arrays = iter(columns[q] for q in (*program.x, *program.z))
     memory = [s for s, q in STAGES.items() if q.memory and s != "plant" and loop.stages[s]]
-    figures = {n: heads(described(loop, program.shapes, n), v) for n, v in tails.items()}
+    figures = {n: heads(leaves_of(loop, program.shapes, n), v) for n, v in tails.items()}
     made = dict(
         x=_named(loop.stages["plant"], arrays),
         z=types.SimpleNamespace(**{s: _named(loop.stages[s], arrays) for s in memory}),
