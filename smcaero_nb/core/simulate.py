@@ -121,7 +121,7 @@ def simulate(loop: ClosedLoop, duration: float | None = None, dt: float | None =
 def _method(loop: ClosedLoop, method: str | None) -> str:
     """The method asked for, otherwise the plant's own."""
     allowed = methods(loop)
-    if method == "exact" and method not in allowed:
+    if isinstance(method, str) and method == "exact" and method not in allowed:
         raise ParameterError(
             "simulate: method = 'exact' is not allowed for plant "
             f"'{loop.stages['plant'].name}'; it is for linear plants made by interop.from_control. "
