@@ -124,7 +124,8 @@ def identify(source: Any, *, output: Block | Channels | None = None,
 
     References
     ----------
-    Paper eqs (6)-(8) and the section on practical relative degree identification.
+    A. Levant, 51st IEEE Conf. Decision and Control, 2012. Paper eqs (6)-(8) and the section on
+    practical relative degree identification.
 
     Examples
     --------
