@@ -148,8 +148,10 @@ def test_no_two_controls_of_a_group_look_alike():
 @pytest.mark.parametrize("law", LOOPS)
 def test_every_control_reaches_both_ends(law):
     m = mask(LOOPS[law])
-    assert set(m.widgets) == set(LOOPS[law].settable())
+    assert set(m.widgets) == {*LOOPS[law].settable(), "method", "latency"}
     for name, w in m.widgets.items():
+        if name not in LOOPS[law].settable():
+            continue
         meta, _, kind = LOOPS[law].settable()[name]
         ends = (False, True) if kind is bool else (w.min, w.max)
         for end in ends:
@@ -245,8 +247,8 @@ def test_groups_of_a_loop():
     assert [f.opener.description for f in folds] == [
         "surface: itae", "law: quasi smc", "allocation: gimbal to control", "reference: steps",
         "perturbation: misalignment",
-        "plant: launcher", "initial state"]
-    assert [f.opener.value for f in folds] == [True]*3 + [False]*4
+        "plant: launcher", "simulation", "initial state"]
+    assert [f.opener.value for f in folds] == [True]*3 + [False]*5
     plant = folds[5]
     assert not plant.body.children
     plant.opener.value = True
@@ -271,8 +273,76 @@ def test_every_stage_has_a_group_the_design_before_the_world():
     assert {"sensor__gain", "stop__end"} <= set(m.widgets)
     folds = {f.opener.description: f.opener.value for f in m._body.children}
     assert list(folds) == ["sensor: scaled", "surface: line", "law: relay", "stop: left",
-                           "initial state"]
+                           "simulation", "initial state"]
     assert folds["sensor: scaled"] and not folds["stop: left"]
+
+
+def test_a_mask_offers_latency_and_method_of_its_loop():
+    """Both are in force in the live plot, and come along to another loop of the same world."""
+    picture = live({"line": RELAY, "relay": RELAY.with_(law=relay.with_(rho=3.0))})
+    m, before = picture.mask, picture.run
+    assert m.widgets["method"].options == ("euler", "midpoint", "rk4") and m.method == "euler"
+    slider = m.widgets["latency"]
+    assert (slider.min, slider.max, slider.step, slider.value) == (0.0, 0.01, 1e-3, 0.0)
+    slider.value = 0.002
+    picture.wait()
+    assert picture.run.loop == RELAY.with_(latency=0.002) and picture.status == ""
+    assert picture.run.metrics().tail_sigma > 1.5*before.metrics().tail_sigma
+    m.widgets["method"].value = "rk4"
+    picture.wait()
+    assert m.method == m.values["method"] == "rk4"
+    exact = smc.simulate(RELAY.with_(latency=0.002), method="rk4", record=5000)
+    np.testing.assert_array_equal(picture.run.x.x, exact.x.x)
+    m.choice.value = "relay"
+    picture.wait()
+    assert m.method == "rk4" and m.target.latency == 0.002
+    m.reset()
+    assert m.method == "euler" and m.target.latency == 0.0
+    with pytest.raises(ParameterError, match="mask: method = 'exact' is not allowed; it must be "
+                                             "one of 'euler', 'midpoint', 'rk4'"):
+        picture.set(method="exact")
+    typed(m, "latency", "1e-4")
+    picture.wait()
+    assert "latency = 0.0001 s is not allowed; it must be a multiple of dt" in picture.status
+    assert "method" not in mask(everything).widgets and mask(everything).method is None
+
+
+def test_a_linear_plant_of_python_control_may_be_advanced_exactly():
+    import control
+
+    @block
+    def free(y):
+        return 0.0*y[0]
+
+    plant = smc.interop.from_control(control.tf([1.0], [1.0, 2e-3, 1.0]))
+    loop = ClosedLoop(plant, law=free, duration=20.0, dt=0.5).with_(plant__x0=1.0)
+    picture = live(loop)
+    assert picture.mask.method == picture.mask.widgets["method"].options[0] == "exact"
+    picture.wait()
+    assert max(picture.run.x.x0) <= 1.0
+    picture.set(method="euler")
+    assert picture.mask.method == "euler" and max(picture.run.x.x0) > 2.0
+
+
+def test_a_row_is_called_by_the_last_part_of_its_name():
+    """Its group says the rest; only where two are alike, the row says which is which."""
+    @block
+    def offset(y, by=0.1):
+        return y[0] + by, y[1]
+
+    @block(state=dict(w=0.0))
+    def integrating(sigma, z, tau):
+        return sigma + z[0], (z[0] + tau*sigma,)
+
+    m = mask(RELAY.with_(sensor=smc.chain(first=offset, second=offset.with_(by=-0.1)),
+                         law=integrating, differentiator=integral))
+    assert m.widgets["sensor__first__by"].description == "by"
+    assert m.widgets["sensor__first__by"].tooltip == "sensor first by"
+    assert {"sensor first: offset", "sensor second: offset"} <= {
+        f.opener.description for f in m._body.children}
+    assert m.widgets["law__w"].description == "$w$ (law)"
+    assert m.widgets["differentiator__w"].description == "$w$ (differentiator)"
+    assert m.widgets["plant__v"].description == "$v$"
 
 
 def test_choice_of_loops():
@@ -320,6 +390,11 @@ def cart(x, u, d):
 @block
 def line(e, c=1.0):
     return e[1] + c*e[0]
+
+
+@block(state=dict(w=0.0))
+def integral(e, z, tau):
+    return e, (z[0] + tau*e[0],)
 
 
 @block

@@ -83,7 +83,7 @@ class Live(W.Box):
         self.times = seconds("live", duration=duration, dt=dt, tau=tau)
         loops = offered("live", loops, Block, ClosedLoop)
         self._look = known("live", states, loops.values()), phase
-        self.mask, self._picture = Mask(loops, include, tau), Picture()
+        self.mask, self._picture = Mask(loops, include, tau, dt), Picture()
         self.curves: dict[str, Curve] = {}
         self._drawn: _Drawn | None = None
         self._shown: _Drawn | None = None
@@ -145,7 +145,8 @@ class Live(W.Box):
 
         The wait keeps the moves of a slider from queueing.
         """
-        setting, asked = (self.mask.chosen, self.loop), self.job.worker.asked
+        asked = self.job.worker.asked
+        setting = self.mask.chosen, self.loop, self.mask.method
         if asked and not again and asked[0][0] == setting[0] and asked[0][1] is setting[1]:
             return
         if not self.job.ask(setting, patience) and self.job.worker.fraction is None:
@@ -155,7 +156,7 @@ class Live(W.Box):
 
     def _work(self, asked, progress):
         """Simulate or call, and draw or say why not; say it too where no theorem covers a run."""
-        (choice, loop), refused = asked, True
+        (choice, loop, method), refused = asked, True
 
         def watched(fraction):
             progress(fraction)
@@ -167,7 +168,7 @@ class Live(W.Box):
             progress()
             if isinstance(loop, ClosedLoop):
                 record = rows(loop, **self.times)
-                run = simulate(loop, **self.times, record=record, progress=watched)
+                run = simulate(loop, **self.times, method=method, record=record, progress=watched)
                 text, refused = self._simulated(choice, run)
             else:
                 text, refused = self._called(choice, loop)

@@ -9,7 +9,6 @@ from typing import Any, get_args
 import ipywidgets as W
 
 from ..core import Param
-from .text import label
 
 __all__ = ["Row", "css_class", "written"]
 
@@ -54,8 +53,8 @@ class Row:
 
     Parameters
     ----------
-    name : str
-        Of the parameter.
+    name, title : str
+        Of the parameter, and what the row is called.
     meta : Param
     value : float, int, bool or str
     kind : type
@@ -65,7 +64,7 @@ class Row:
     shared : dict
         Layout and styles that all rows share.
     grid : float or None
-        Step of the slider of a time that is counted in samples [s].
+        Step of the slider of a time that is counted in samples, or in steps of the run [s].
 
     Attributes
     ----------
@@ -83,9 +82,10 @@ class Row:
 
     widget: Any  # only a slider has limits and a step
 
-    def __init__(self, name: str, meta: Param, value: Any, kind: Any,
+    def __init__(self, name: str, title: str, meta: Param, value: Any, kind: Any,
                  asked: Callable[[str, Any], object], shared: dict[str, Any], grid: float | None):
-        say = dict(description=label(name, meta), tooltip=meta.help, layout=shared["layout"])
+        say = dict(description=title, tooltip=meta.help or name.replace("__", " "),
+                   layout=shared["layout"])
         self.meta, self.kind, self.entry, self.told = meta, kind, None, []
         self.value, self.refused = value, False
         self._placed = self._written = None  # where a program has put slider and entry
@@ -96,8 +96,8 @@ class Row:
             self.widget = self.box = W.Dropdown(options=get_args(kind), value=value, **say)
         else:
             self.widget = self._slider(grid, dict(say, readout=False, style=shared["slider"]))
-            self.entry = W.Text(continuous_update=False, tooltip=meta.help, layout=shared["layout"],
-                                style=shared["text"])
+            self.entry = W.Text(continuous_update=False, tooltip=say["tooltip"],
+                                layout=shared["layout"], style=shared["text"])
             self.entry.observe(self._entered, "value")
             self.box = W.HBox([self.widget, self.entry], layout=shared["layout"])
         self.log = isinstance(self.widget, W.FloatLogSlider)
@@ -109,8 +109,8 @@ class Row:
         meta = self.meta
         low, high = _span(meta, self.value)
         step = _step(high - low)
-        if meta.samples and grid:  # a slider that stops at multiples of it only
-            low, high, step = grid, grid*max(round(high/grid), 1), grid
+        if grid:  # a slider that stops at multiples of it only
+            low, high, step = grid*meta.samples, grid*max(round(high/grid), 1), grid
         if self.kind is int:
             return W.IntSlider(self.value, math.floor(low), math.ceil(high), **look)
         if meta.log:
