@@ -265,7 +265,7 @@ def test_messages_of_a_loop_show_the_beginning_of_what_a_stage_returned(stage, s
 
 
 def test_a_state_of_many_numbers_is_shown_in_short():
-    with pytest.raises(BlockError, match=r"state w = \(0, 1, 2, .* is not allowed") as why:
+    with pytest.raises(ParameterError, match=r"w = \(0, 1, 2, .* is not allowed") as why:
         block(state=dict(w=tuple(range(10_000))))(lambda x: x)
     assert len(str(why.value)) < LONGEST
 

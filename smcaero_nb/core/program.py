@@ -8,6 +8,7 @@ import ast
 import functools
 import math
 import types
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -15,7 +16,8 @@ from .block import Block
 from .checks import check
 from .leaves import Leaf
 
-__all__ = ["METHODS", "Line", "Meter", "Program", "methods", "parts", "paths", "serial", "step"]
+__all__ = ["METHODS", "Line", "Meter", "Program", "first", "methods", "parts", "paths", "serial",
+           "step"]
 
 LIMIT = 1e12  # sum of |x|, or of |u|, beyond which any run has diverged
 #: (node, weight) of each evaluation of the plant
@@ -126,8 +128,8 @@ class Program:
         Variables of a recorded row.
     inside, driven : str
         Conditions under which a step, and a sample, are within all limits.
-    rings : tuple of float
-        Initial values of the ring buffers.
+    rings : tuple of (str, float)
+        Length, a variable or a number, and initial value of each ring buffer in R, in order.
     lag : int
         Steps until a control acts.
     kinds : dict of str to type
@@ -155,7 +157,7 @@ class Program:
     columns: tuple[str, ...]
     inside: str
     driven: str
-    rings: tuple[float, ...]
+    rings: tuple[tuple[str, float], ...]
     lag: int
     kinds: dict[str, type]
     trial: tuple[str, ...]
@@ -186,15 +188,19 @@ class Program:
     def _tried(self) -> types.CodeType:
         return compile("\n".join(self.trial), "<trial>", "exec")
 
+    def ring(self, values: dict[str, float]) -> list[float]:
+        """Return R, the ring buffers one after the other, for given values of the parameters."""
+        return [v for size, v in self.rings for _ in range(int(values.get(size) or size))]
+
     def stands(self, loop: Any, tau: float, m: int) -> bool:
         """Return whether the trial succeeds for a loop of the same blocks with other values."""
         functions = {n: parts(loop.stages[s])[i].f for n, (s, i) in self.places.items()}
-        values = dict(zip(self.params, (v for p in loop.p.values() for v in p), strict=True))
+        values = {q: v for q, (_, v, _) in loop.parameters().items()}
         x, z = loop.start()
         try:
-            exec(self._tried, {"t": 0.0, "tau": tau, "dt": 0.0, "k": 0, "m": m, "R": [*self.rings],
-                               "check": check, **dict.fromkeys(self.exact, 0.0), **functions, **x,
-                               **z, **values})
+            exec(self._tried, {"t": 0.0, "tau": tau, "dt": 0.0, "k": 0, "m": m,
+                               "R": self.ring(values), "check": check,
+                               **dict.fromkeys(self.exact, 0.0), **functions, **x, **z, **values})
         except Exception:
             return False
         return True
@@ -281,7 +287,14 @@ def _texts(p: Program, segment: str) -> list[str]:
 
 def _loaded(p: Program) -> list[str]:
     return [*(f"{q} = {CAST[p.kinds[q]].format(f'P[{i}]')}" for i, q in enumerate(p.params)),
-            *(f"{q} = P[{i}]" for i, q in enumerate(p.exact, len(p.params)))]
+            *(f"{q} = P[{i}]" for i, q in enumerate(p.exact, len(p.params))),
+            *(first(p.rings[:i]) for i in range(len(p.rings)))]
+
+
+def first(rings: Sequence[tuple[str, float]]) -> str:
+    """Return the line that says where the ring after these begins."""
+    n = len(rings)
+    return f"first_{n} = " + (f"first_{n - 1} + {rings[-1][0]}" if n else "0")
 
 
 def _segments(p: Program, branches: bool) -> dict[str, list[str]]:

@@ -22,6 +22,7 @@ from .param import (
 )
 from .program import Program, methods, paths
 from .run import Run, result
+from .signal import flat
 
 __all__ = ["simulate", "timed"]
 
@@ -148,20 +149,22 @@ def _steps(loop: ClosedLoop, duration: float, dt: float, tau: float) -> tuple[in
                              f"least tau = {tau:g} s")
     for path, block in (q for stage, b in loop.stages.items() for q in paths(stage, b)):
         for name, meta in block.params.items():
-            count = block.values[name]/tau if meta.samples else 1.0
-            if not 0.5 < count < 1e15 or abs(count - round(count)) >= 1e-9*count:
-                raise ParameterError(f"simulate: {path}__{name} = {block.values[name]:g} s is not "
-                                     f"allowed; it must be a multiple of tau = {tau:g} s")
+            for v in flat(block.values[name]) if meta.samples else ():
+                count = v/tau
+                if not 0.5 < count < 1e15 or abs(count - round(count)) >= 1e-9*count:
+                    raise ParameterError(f"simulate: {path}__{name} = {v:g} s is not allowed; it "
+                                         f"must be a multiple of tau = {tau:g} s")
     return m, n, lag
 
 
 def _driven(f: Callable, program: Program, loop: ClosedLoop, rec: np.ndarray, dt: float, m: int,
             n: int, every: int, k_tail: int, chunk: int, progress: Callable | None) -> tuple:
     """Run a loop in chunks; return records, figures at the end and before the tail, and the end."""
-    P = np.array([*(v for p in loop.p.values() for v in p), *constants(program, loop, dt)], float)
+    values = {q: v for q, (_, v, _) in loop.parameters().items()}
+    P = np.array([*values.values(), *constants(program, loop, dt)], float)
     x, z = loop.start()
     S = np.array([*(program.state | x | z).values()])
-    R, names = np.array(program.rings, float), [*program.state]
+    R, names = np.array(program.ring(values), float), [*program.state]
     peaks = [i for i, q in enumerate(program.state) if q.startswith("max_")]
     before = dict.fromkeys(names, 0.0)
     k = sample = row = line = 0
