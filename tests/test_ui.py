@@ -345,6 +345,72 @@ def test_a_row_is_called_by_the_last_part_of_its_name():
     assert m.widgets["plant__v"].description == "$v$"
 
 
+# ---- rows of tuples and matrices -----------------------------------------------------------------
+@block(state=dict(q=((1.0, 0.0, 0.0, 0.0), Param("q", low=-1.0, high=1.0)), late=smc.core.Buffer(5)))
+def body(sigma, z, tau, J: Annotated[tuple, Param("J", "kg m^2", low=0.0)] =
+         ((2.0, 0.0, 0.0), (0.0, 3.0, 0.0), (0.0, 0.0, 4.0)),
+         axis=(0.0, 1.0), on: Annotated[bool, Param()] = (True, False)):
+    return J[1][1]*sigma*axis[1], (z[0], sigma)
+
+
+def text_at(m, name, *at):
+    return m._rows[name].texts[at]
+
+
+def test_a_tuple_is_a_row_of_entries_and_a_matrix_rows_of_them():
+    m, seen = mask(body), []
+    m.observe(lambda change: seen.append(change.new), "target")
+    assert [len(m._rows[n].texts) for n in ("J", "axis", "on", "q")] == [9, 2, 2, 4]
+    lines = m.widgets["J"].children[1].children
+    assert [[text.value for text in line.children] for line in lines] == [
+        ["2", "0", "0"], ["0", "3", "0"], ["0", "0", "4"]]
+    assert "J" not in m.entries and m.widgets["J"].children[0].value.startswith("$J$")
+    text_at(m, "J", 1, 1).value = " 2.50 "
+    assert m.values["J"] == ((2.0, 0.0, 0.0), (0.0, 2.5, 0.0), (0.0, 0.0, 4.0))
+    assert text_at(m, "J", 1, 1).value == " 2.50 " and len(seen) == 1
+    text_at(m, "q", 3).value = "1e-3"
+    assert m.target.values["q"] == (1.0, 0.0, 0.0, 1e-3)
+    text_at(m, "on", 1).value = "1"
+    assert m.target.values["on"] == (True, True)
+    m.set(axis=[1.0, 2.0])
+    assert [text_at(m, "axis", i).value for i in (0, 1)] == ["1", "2"]
+    m.reset()
+    assert m.target == body and text_at(m, "J", 1, 1).value == "3"
+    assert m.page.told.names["J-0-2"] == ("J 1, 3 kg m^2", False) and "J" not in m.page.told.names
+
+
+@pytest.mark.parametrize("text, said", [("x", "'x'"), ("-1", "-1 kg m^2"), ("nan", "nan kg m^2"),
+                                        ("", "''"), ("1,5", "'1,5'")])
+def test_nonsense_in_an_entry_of_a_matrix_is_refused_in_words(text, said):
+    m = mask(body)
+    text_at(m, "J", 0, 2).value = text
+    assert f"J[0][2] = {said} is not allowed; it must be a finite number, at least 0" in (
+        m._status.value)
+    assert "It stays at ((2, 0, 0), (0, 3, 0), (0, 0, 4))." in m._status.value
+    assert m.target is body and text_at(m, "J", 0, 2).value == text
+    assert [at for at, q in m._rows["J"].texts.items()
+            if "smcaero-refused" in q._dom_classes] == [(0, 2)]
+    text_at(m, "J", 0, 2).value = "0.5"
+    assert m.values["J"][0] == (2.0, 0.0, 0.5) and m._status.value == ""
+    assert "smcaero-refused" not in text_at(m, "J", 0, 2)._dom_classes
+
+
+def test_a_buffer_has_a_row_with_the_parameters_of_its_block():
+    m = mask(body)
+    assert [f.opener.description for f in m._body.children] == ["body", "initial state"]
+    assert (m.widgets["late"].min, m.widgets["late"].max) == (1, 20)
+    assert typed(m, "late", "50") == "" and m.target.values["late"] == 50
+    assert "a whole number from 1 to 1e+07 samples" in typed(m, "late", "0.5")
+
+
+def test_a_mask_of_entries_is_mended_after_ctrl_c():
+    m = mask(body)
+    m._rows["J"].texts[0, 0].unobserve_all()
+    text_at(m, "J", 0, 0).value = "7"  # which nobody heard of
+    m.mend()
+    assert text_at(m, "J", 0, 0).value == "2"
+
+
 def test_choice_of_loops():
     m = mask({"quasi": LOOPS["quasi_smc"], "PD": LOOPS["pd"]})
     m.set(law__rho=3.0, perturbation__f_0=0.1)

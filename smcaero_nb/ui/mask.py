@@ -18,7 +18,7 @@ from ..core.program import methods
 from ..core.stages import STAGES
 from .given import Loop, Loops, names, offered
 from .job import RAISED
-from .row import Row, css_class, written
+from .row import Entries, Row, css_class, written
 from .text import doc_html, label, said_html, why_not
 
 __all__ = ["Mask", "mask"]
@@ -69,14 +69,22 @@ def _groups(target):
         stages = {f"{s}__": target.stages[s] for s in DESIGN + WORLD}
     blocks = [q for prefix, b in stages.items() for q in _blocks(prefix, b)]
     groups = [(": ".join(filter(None, (" ".join(p.split("__")[:-1]), b.name.replace("_", " ")))), b,
-               [f"{p}{n}" for n in b.params], p.startswith(WORLD)) for p, b in blocks]
+               [f"{p}{n}" for n in (*b.params, *b.buffers)], p.startswith(WORLD)) for p, b in blocks]
     starts = {}
     for p, b in reversed(blocks):
         title = ": ".join(["initial state", *p.split("__")[1:-1]])
-        starts.setdefault(title, []).extend(f"{p}{n}" for n in b.states)
+        starts.setdefault(title, []).extend(f"{p}{n}" for n in b.states if n not in b.buffers)
     if isinstance(target, ClosedLoop):
         groups.append(("simulation", None, [*SIMULATION], True))
     return [*groups, *((title, None, names, True) for title, names in sorted(starts.items()))]
+
+
+def _told(name, meta, row):
+    """(CSS class, (accessible name, whether its slider is logarithmic)) of controls of a row."""
+    said, unit = name.replace("__", " "), f" {meta.unit}"*(meta.unit != "1")
+    if isinstance(row, Entries):
+        return [(q, (called + unit, False)) for q, called in row.names(said).items()]
+    return [(css_class(name), (said + unit, meta.log))]
 
 
 def _titles(names, known):
@@ -176,7 +184,7 @@ class Mask(W.VBox):
     values : dict
         {name: value} of what the form shows.
     widgets, entries : dict
-        {name: slider or checkbox} and {name: text entry}.
+        {name: slider or checkbox}, or all entries of a tuple, and {name: text entry}.
     choice : ipywidgets.Dropdown
         Which of several loops.
     page : Page
@@ -429,11 +437,11 @@ class Mask(W.VBox):
                   for title, b, group, folded in _groups(target)]
         titles = {n: q for _, _, group, _ in groups for n, q in _titles(group, known).items()}
         shared = dict(layout=W.Layout(), slider=W.SliderStyle(), text=TextStyle())
-        rows = {n: Row(n, titles[n], *known[n], self._asked, shared,
-                       self._grid(target, n, known[n][0])) for n in chosen}
-        units = {n: f" {q[0].unit}"*(q[0].unit != "1") for n, q in known.items()}
-        self.page.tell({css_class(n): (n.replace("__", " ") + units[n], known[n][0].log)
-                        for n in chosen})
+        rows = {n: Entries(n, titles[n], *known[n], self._asked, shared)
+                if isinstance(known[n][1], tuple) else
+                Row(n, titles[n], *known[n], self._asked, shared,
+                    self._grid(target, n, known[n][0])) for n in chosen}
+        self.page.tell(dict(q for n, row in rows.items() for q in _told(n, known[n][0], row)))
         return rows, [_Fold(title, b, [rows[n].box for n in group], folded, shared)
                       for title, b, group, folded in groups if group]
 

@@ -9,8 +9,9 @@ from typing import Any, get_args
 import ipywidgets as W
 
 from ..core import Param
+from ..core.signal import flat
 
-__all__ = ["Row", "css_class", "written"]
+__all__ = ["Entries", "Row", "css_class", "written"]
 
 
 def css_class(name: str) -> str:
@@ -19,10 +20,20 @@ def css_class(name: str) -> str:
 
 
 def written(value: Any) -> str:
-    """Return a number as an entry shows it; of a list, the choice."""
+    """Return a number as an entry shows it; of a list, the choice; of a tuple, all its entries."""
     if isinstance(value, str):
         return value
+    if isinstance(value, tuple):
+        return f"({', '.join(map(written, value))})"
     return re.sub(r"e([+-])0*", lambda m: "e" + m[1].strip("+"), f"{value:.6g}")
+
+
+def typed(text: str) -> float | str:
+    """Return the number that a text says, or the text, which validation then refuses."""
+    try:
+        return float(text)
+    except ValueError:
+        return text.strip()
 
 
 def _span(meta, value):
@@ -32,6 +43,8 @@ def _span(meta, value):
     """
     low, high = meta.slider or (meta.low, meta.high)
     reach = 4*abs(value) or 1.0
+    if isinstance(value, int) and not meta.slider and high > 1000*reach:
+        high = reach
     fine = meta.log or isinstance(value, int) or not math.isfinite(high - low)
     if not fine and 0.0 < abs(value) < 3*_step(high - low):
         low, high = max(low, -reach), min(high, reach)
@@ -120,7 +133,7 @@ class Row:
 
     def _entered(self, change):
         if change.new != self._written:
-            self._ask(self.typed(change.new))
+            self._ask(typed(change.new))
 
     def _slid(self, change):
         if change.new != self._placed and self.moved(change.new):
@@ -157,13 +170,6 @@ class Row:
             v = self.kind(f"{v:.3g}" if self.log else f"{v:.6g}")
         return min(max(v, self.meta.low), self.meta.high) if self.entry else v
 
-    def typed(self, text: str) -> float | str:
-        """Return the number that a text says, or the text, which validation then refuses."""
-        try:
-            return float(text)
-        except ValueError:
-            return text.strip()
-
     def show(self, value: Any, pull: bool = False) -> None:
         """Show a value in the entry, unless what was typed says the same, and on the slider.
 
@@ -174,7 +180,7 @@ class Row:
         if self.entry is None:
             self._placed = self.widget.value = value
             return
-        same = self.typed(self.entry.value) == value
+        same = typed(self.entry.value) == value
         self._written = self.entry.value if same else written(value)
         self.entry.value = self._written
         if self.from_page() and not pull:
@@ -203,7 +209,7 @@ class Row:
             return self.refused or self.widget.value == self.value
         near = abs(self.place(self.widget.value) - self.place(self.at(self.value))) < 0.75
         text = self.entry.value
-        return near and (text == written(self.value) or self.typed(text) == self.value)
+        return near and (text == written(self.value) or typed(text) == self.value)
 
     def mend(self, value: Any, page: bool) -> None:
         """Show `value` where Ctrl-C left something else; send it to the page too, if `page`."""
@@ -218,3 +224,105 @@ class Row:
         if refused:
             self._placed = self._written = None
         (self.box.add_class if refused else self.box.remove_class)("smcaero-refused")
+
+
+class Entries:
+    """The entries of a parameter that is a tuple, or a matrix; each sets it whole.
+
+    Parameters
+    ----------
+    name, title : str
+        Of the parameter, and what its row is called.
+    meta : Param
+    value : tuple of float, or of rows of them
+    kind : type
+    asked, shared
+        As in `Row`.
+
+    Attributes
+    ----------
+    box, widget : ipywidgets.HBox
+        The whole row.
+    texts : dict of tuple to ipywidgets.Text
+        The entries by index.
+    value : tuple
+        The value shown.
+    """
+
+    entry, log = None, False
+
+    def __init__(self, name: str, title: str, meta: Param, value: tuple, kind: Any,
+                 asked: Callable[[str, Any], object], shared: dict[str, Any]):
+        self.name, self.value, self.kind, self._written = name, value, kind, {}
+        self._ask = functools.partial(asked, name)
+        help = meta.help or name.replace("__", " ")
+        self.texts = {at: W.Text(continuous_update=False, tooltip=help, layout=shared["layout"],
+                                 style=shared["text"]) for at in _places(value)}
+        for at, text in self.texts.items():
+            text.add_class(f"smcaero-set-{self._marked(at)}")
+            text.observe(functools.partial(self._entered, at), "value")
+        lines: dict[tuple, list] = {}
+        for at, text in self.texts.items():
+            lines.setdefault(at[:-1], []).append(text)
+        rows = W.VBox([W.HBox(q, layout=shared["layout"]) for q in lines.values()],
+                      layout=shared["layout"])
+        self.box = self.widget = W.HBox([W.Label(title, tooltip=help), rows],
+                                        layout=shared["layout"])
+        for mark in ("row", "entries", f"set-{css_class(name)}"):
+            self.box.add_class(f"smcaero-{mark}")
+        self.show(value)
+
+    def _entered(self, at, change):
+        if change.new != self._written.get(at):
+            self._typed, entry = at, typed(change.new)
+            if self.kind is bool:
+                entry = {0.0: False, 1.0: True}.get(entry, entry)
+            self._ask(_put(self.value, at, entry))
+
+    def names(self, name: str) -> dict[str, str]:
+        """Return {CSS class: what the entry is} of each entry, after the name of the parameter."""
+        return {self._marked(at): f"{name} {', '.join(str(i + 1) for i in at)}" for at in self.texts}
+
+    def _marked(self, at):
+        return "-".join([css_class(self.name), *map(str, at)])
+
+    def show(self, value: tuple) -> None:
+        """Show a value, and leave what was typed where it says the same."""
+        self.mark(False)
+        self.value = value
+        for (at, text), v in zip(self.texts.items(), flat(value), strict=True):
+            self._written[at] = text.value if typed(text.value) == v else written(v)
+            text.value = self._written[at]
+
+    def mend(self, value: tuple, page: bool) -> None:
+        """Show `value` where Ctrl-C left something else; send it to the page too, if `page`."""
+        if self.value != value or not self.true():
+            self.show(value)
+        for text in self.texts.values() if page else ():
+            text.send_state("value")
+
+    def true(self) -> bool:
+        """Return whether the entries show the value, or one that was refused."""
+        return all(text.value == self._written.get(at) for at, text in self.texts.items()
+                   if "smcaero-refused" not in text._dom_classes)
+
+    def mark(self, refused: bool) -> None:
+        """Mark the entry that was typed last as refused, or none; it may be asked for again."""
+        if refused:
+            self._written.pop(self._typed, None)
+            self.texts[self._typed].add_class("smcaero-refused")
+        else:
+            for text in self.texts.values():
+                text.remove_class("smcaero-refused")
+
+
+def _places(value):
+    """The indices of the entries, (i,) or (i, j)."""
+    for i, v in enumerate(value):
+        yield from ((i, *q) for q in _places(v)) if isinstance(v, tuple) else [(i,)]
+
+
+def _put(value, at, entry):
+    """The value with another entry at an index."""
+    i, *rest = at
+    return (*value[:i], _put(value[i], rest, entry) if rest else entry, *value[i + 1:])
