@@ -346,7 +346,8 @@ def test_a_row_is_called_by_the_last_part_of_its_name():
 
 
 # ---- rows of tuples and matrices -----------------------------------------------------------------
-@block(state=dict(q=((1.0, 0.0, 0.0, 0.0), Param("q", low=-1.0, high=1.0)), late=smc.core.Buffer(5)))
+@block(state=dict(q=((1.0, 0.0, 0.0, 0.0), Param("q", low=-1.0, high=1.0)),
+                  late=smc.core.Buffer(5)))
 def body(sigma, z, tau, J: Annotated[tuple, Param("J", "kg m^2", low=0.0)] =
          ((2.0, 0.0, 0.0), (0.0, 3.0, 0.0), (0.0, 0.0, 4.0)),
          axis=(0.0, 1.0), on: Annotated[bool, Param()] = (True, False)):

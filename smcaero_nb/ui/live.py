@@ -17,7 +17,7 @@ from .given import states as known
 from .job import Cancelled, Job, Overtaken, interrupted
 from .mask import Mask
 from .picture import Download, Picture
-from .text import result_html, why_diverged, why_not
+from .text import doubts_text, result_html, why_diverged, why_not
 
 __all__ = ["Live", "live"]
 
@@ -155,7 +155,7 @@ class Live(W.Box):
                 self._say(*self._told)
 
     def _work(self, asked, progress):
-        """Simulate or call, and draw or say why not; say it too where no theorem covers a run."""
+        """Simulate or call, and draw or say why not; say what speaks against a run, too."""
         (choice, loop, method), refused = asked, True
 
         def watched(fraction):
@@ -194,7 +194,7 @@ class Live(W.Box):
         if not good:
             where = "the curves end there" if drawn else KEPT
             return why_diverged(run) + (f"; {where}." if self.run else "."), True
-        return " ".join(f"{q}: the theorem does not cover this." for q in run.doubts()), False
+        return doubts_text(run.doubts()), False
 
     def _called(self, choice, block):
         """Draw what a block returns, and what it warns of."""

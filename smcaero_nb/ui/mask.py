@@ -92,7 +92,7 @@ def _titles(names, known):
     short = {n: n.rpartition("__")[::2] for n in names}
     called = [known[n][0].symbol or short[n][1] for n in names]
     return {n: label(short[n][1], known[n][0])
-            + f" ({short[n][0].replace('__', ' ')})"*(called.count(q) > 1)
+            + f" ({label(short[n][0].replace('__', ' '), Param())})"*(called.count(q) > 1)
             for n, q in zip(names, called, strict=True)}
 
 
@@ -279,7 +279,8 @@ class Mask(W.VBox):
             if [*loops] == [""]:  # one that needed no name
                 old = loops[""].name or "given"
                 loops, given, self._forms, kept = (
-                    {old: q[""] for _ in q} for q in (loops, given, self._forms, kept))
+                    {n or old: v for n, v in q.items()}
+                    for q in (loops, given, self._forms, kept))
             state = _State(old, loops | more, given | more, kept)
             return self._formed(state if old == name else self._brought(state, name))
 
@@ -296,6 +297,11 @@ class Mask(W.VBox):
     def in_this_world(self) -> dict[str, Loop]:
         """Return {name: loop} of all, each in the vehicle and world of the chosen one, as set."""
         return {n: self._brought(self._state, n).target for n in self.offered}
+
+    @property
+    def methods(self) -> dict[str, str | None]:
+        """{name: integration method} of all, as `in_this_world` brings them along."""
+        return {n: self._brought(self._state, n).method for n in self.offered}
 
     def _brought(self, state, new):
         """The state with another choice, which takes the changes of vehicle and world along.

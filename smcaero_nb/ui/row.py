@@ -281,7 +281,8 @@ class Entries:
 
     def names(self, name: str) -> dict[str, str]:
         """Return {CSS class: what the entry is} of each entry, after the name of the parameter."""
-        return {self._marked(at): f"{name} {', '.join(str(i + 1) for i in at)}" for at in self.texts}
+        return {self._marked(at): f"{name} {', '.join(str(i + 1) for i in at)}"
+                for at in self.texts}
 
     def _marked(self, at):
         return "-".join([css_class(self.name), *map(str, at)])
