@@ -10,6 +10,7 @@ from .core import Block, Param, ParameterError, block
 from .core.card import Output, Plant
 from .core.family import family, written
 from .core.signal import generated, leaves
+from .core.zeros import named, unstable, zeros
 
 __all__ = ["from_control"]
 
@@ -116,7 +117,7 @@ DOC = r"""Linear plant {name}: {n} states, {m} input(s), {p} output(s).
 
     Notes
     -----
-    Made by `interop.from_control`. Not in the paper.
+    Made by `interop.from_control`. Not in the paper.{zeros}
     """
 
 
@@ -181,10 +182,18 @@ def linear(A, B, C, D, states, name):
     rates = ", ".join(_row([*a, *b], x + u) for a, b in zip(A, B, strict=True))
     f = written(_identifiers([name])[0], "x, u, d", _unpacked(x, u) + f"return ({rates},)",
                 {"__name__": __name__, "total": total},
-                DOC.format(name=name, n=len(A), m=len(u), p=len(C)))
+                DOC.format(name=name, n=len(A), m=len(u), p=len(C), zeros=_warned(A, B, C, D)))
     plant = block(f, state={s: (0.0, Param(_symbol(s))) for s in states})
     vars(plant).update(y=linear_output(C, D, name), A=np.array(A, float))
     return plant
+
+
+def _warned(A, B, C, D):
+    """What zeros in the right half plane do, as a paragraph of a docstring."""
+    found = unstable(zeros(*(np.array(q, float) for q in (A, B, C, D))))
+    return (f"\n\n    It has {named(found)} in the right half plane: while y is held at zero, as in "
+            f"sliding mode,\n    the other states grow as exp({found[0].real:.3g} t)."
+            if found else "")
 
 
 @family(card=Output())

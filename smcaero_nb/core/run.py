@@ -265,7 +265,8 @@ def result(loop: "ClosedLoop", program: Program, rec: np.ndarray, end: dict[str,
     xi = None
     if law:
         xi = perturbation(loop.stages["law"], t, signals["sigma"], signals["v"], integral, tau)
-    return Run(loop=loop, t=t, tau=tau, dt=dt, method=method, steps=k, tail=max(k - k_tail, 0)*dt, xi=xi,
+    return Run(loop=loop, t=t, tau=tau, dt=dt, method=method, steps=k, xi=xi,
+               tail=max(k - k_tail, 0)*dt,
                ended="diverged" if diverged else "stopped" if stopped else "done",
                stopped_at=k*dt if stopped else None, diverged_at=k*dt if diverged else None,
                _shapes=program.shapes, **signals, **made)

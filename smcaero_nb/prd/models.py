@@ -11,6 +11,7 @@ from ..core.family import written
 from ..core.param import given
 from ..core.signal import flat
 from ..core.writer import inputs
+from ..core.zeros import of_run, unstable, zeros
 from ..interop import matrices
 from ..records import numbers
 from .step_response import Record
@@ -43,29 +44,29 @@ def model(owner, source):
 
 
 def responses(source, output, surface, window, amplitude, x0):
-    """Records of a model as [output][input], each input stepped by itself.
+    """Records of a model as [output][input], each input stepped by itself, and its unstable zeros.
 
     The unforced motion is subtracted.
     """
     h = window/SAMPLES
     control = sys.modules.get("control")
     if isinstance(source, (Block, ClosedLoop)):
-        name, runs = _block(source, output, surface, h, amplitude)
+        name, runs, found = _block(source, output, surface, h, amplitude)
     elif control and isinstance(source, (control.TransferFunction, control.StateSpace)):
         if x0 is not None:
             raise ParameterError("prd.identify: x0 is for a NonlinearIOSystem that is not linear; "
                                  f"the response of {source.name} to a step does not depend on it")
-        name, runs = source.name, _linear(source, h, amplitude)
+        name, (runs, found) = source.name, _linear(source, h, amplitude)
     else:
-        name, runs = source.name, _nonlinear(source, h, amplitude, x0)
+        name, (runs, found) = source.name, _nonlinear(source, h, amplitude, x0)
     t = (np.arange(REST + MOTION) - REST)*h
     many = len(runs[0]) > 1 or len(runs) > 1
 
     def named(i, j):
         return f"{name}, input {j + 1} to output {i + 1}" if many else name
 
-    return [[Record(t, y, 0.0, amplitude, name=named(i, j))
-             for j, y in enumerate(row)] for i, row in enumerate(np.swapaxes(runs, 0, 1))]
+    return [[Record(t, y, 0.0, amplitude, name=named(i, j)) for j, y in enumerate(row)]
+            for i, row in enumerate(np.swapaxes(runs, 0, 1))], unstable(found)
 
 
 def _finer(name, f, x, h, most):
@@ -91,7 +92,7 @@ def _diverged(name, since):
     return ParameterError(f"prd.identify: {name} {why}")
 
 
-# ---- each gives [input][output] of arrays of REST + MOTION samples -------------------------------
+# ---- each gives [input][output] of arrays of REST + MOTION samples, and the zeros ----------------
 def _linear(source, h, amplitude):
     """Exact at the samples."""
     from scipy.linalg import expm  # slow to import, so only here
@@ -107,7 +108,7 @@ def _linear(source, h, amplitude):
             x = E[:n, :n] @ x + E[:n, n:]
     if len(wrong := np.flatnonzero(~np.isfinite(ys).all(axis=(0, 1)))):
         raise _diverged(source.name, (wrong[0] - REST)*h)
-    return ys
+    return ys, zeros(A, B, C, D)
 
 
 def _nonlinear(source, h, amplitude, x0):
@@ -137,7 +138,7 @@ def _nonlinear(source, h, amplitude, x0):
                          f"{type(why).__name__}: {why}") from why
     motion.__name__ = source.name
     plant = block(state={f"x{i}": v for i, v in enumerate(x0.tolist())})(motion)
-    return _block(plant, block(output), None, h, amplitude, PLAIN)[1]
+    return _block(plant, block(output), None, h, amplitude, PLAIN)[1:]
 
 
 def _block(source, output, surface, h, amplitude, most=COMPILED):
@@ -174,7 +175,8 @@ def _block(source, output, surface, h, amplitude, most=COMPILED):
         if run.diverged_at is not None:
             raise _diverged(plant.name, run.diverged_at - REST*h)
         s = run.y if surface is None else run.sigma
-        return np.array(_outputs(s, many and isinstance(s, tuple)))[:, :REST + MOTION]
+        return run, np.array(_outputs(s, many and isinstance(s, tuple)))[:, :REST + MOTION]
 
-    free = moved()
-    return plant.name, [moved(**{f"law__u_{j}": amplitude}) - free for j in range(m)]
+    run, free = moved()
+    return (plant.name, [moved(**{f"law__u_{j}": amplitude})[1] - free for j in range(m)],
+            of_run(run))
