@@ -175,6 +175,9 @@ def from_control(sys: Any) -> Block:
     return linear(A, B, C, D, _identifiers(labels), sys.name)
 
 
+vars(from_control)["card"] = Plant()  # as of `linear`, which makes the block: `catalogue` lists it
+
+
 @family(card=Plant())
 def linear(A, B, C, D, states, name):
     """Plant block of x' = A x + B (u + d), with its output y as attribute; see `from_control`."""
@@ -191,8 +194,8 @@ def linear(A, B, C, D, states, name):
 def _warned(A, B, C, D):
     """What zeros in the right half plane do, as a paragraph of a docstring."""
     found = unstable(zeros(*(np.array(q, float) for q in (A, B, C, D))))
-    return (f"\n\n    It has {named(found)} in the right half plane: while y is held at zero, as in "
-            f"sliding mode,\n    the other states grow as exp({found[0].real:.3g} t)."
+    return (f"\n\n    It has {named(found)} in the right half plane: while y is held at zero, as "
+            f"in sliding mode,\n    the other states grow as exp({found[0].real:.3g} t)."
             if found else "")
 
 

@@ -89,7 +89,7 @@ def test_compiled_plain_and_stepped_runs_with_exact_steps_agree_to_the_last_bit(
     fast, plain = (simulate(loop, n*dt, dt, m*dt, record=n, jit=jit) for jit in (True, False))
     np.testing.assert_array_equal(fast.x.x0, plain.x.x0)
     p = writer.written(loop, "exact", m*dt, m)
-    names = {q: f for q, (f, _) in p.functions.items()}
+    names = p.functions(loop)
     exec(program.step(p), names)
     P = [*(float(v) for q in loop.p.values() for v in q), *constants(p, loop, dt)]
     x, z = loop.start()

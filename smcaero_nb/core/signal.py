@@ -8,6 +8,8 @@ import math
 from collections.abc import Callable, Iterator
 from typing import Any
 
+import numpy as np
+
 from .family import written
 
 try:
@@ -19,7 +21,7 @@ except ImportError:  # simulate(..., jit=False) needs no numba
     TUPLES, overload = (tuple,), None
 
 __all__ = ["filled", "filtered", "first", "flat", "leaves", "norm", "scaled", "shape", "sign",
-           "solution", "solved", "text"]
+           "size", "solution", "solved", "text", "tuples"]
 
 
 def sign(s: float) -> float:
@@ -50,6 +52,21 @@ def filled(s: Any, values: Iterator) -> Any:
 def flat(s: Any) -> list:
     """Return the leaves of a signal."""
     return [q for v in s for q in flat(v)] if isinstance(s, tuple) else [s]
+
+
+def tuples(s: Any) -> Any:
+    """Return a signal with a tuple in place of each array that a block returned."""
+    if isinstance(s, np.ndarray) and s.ndim or isinstance(s, tuple):
+        return tuple(map(tuples, s))
+    return s
+
+
+def size(s: Any) -> str:
+    """Return a shape in words: a vector or a matrix."""
+    if s is None:
+        return "a number"
+    nested = next((v for v in s if v is not None), None)
+    return f"{len(s)} numbers" if nested is None else f"{len(s)} rows of {len(nested)}"
 
 
 def generated(args: str, body: Callable[..., str]) -> Callable:

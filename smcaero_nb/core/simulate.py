@@ -22,12 +22,14 @@ from .param import (
 )
 from .program import Program, methods, paths
 from .run import Run, result
+from .signal import flat
 
 __all__ = ["simulate", "timed"]
 
 CHUNK = 0.02  # s of machine time between two looks at Ctrl-C, cancel and progress
 ROWS = 100_000_000  # maximum number of rows of a run
 MOST = 100_000  # maximum number of samples of a latency
+STEPS = 1e11  # maximum number of steps of a run
 
 
 def timed(owner: str, loop: Any, duration: Any, dt: Any, tau: Any) -> tuple[Any, float, float]:
@@ -119,7 +121,7 @@ def simulate(loop: ClosedLoop, duration: float | None = None, dt: float | None =
 def _method(loop: ClosedLoop, method: str | None) -> str:
     """The method asked for, otherwise the plant's own."""
     allowed = methods(loop)
-    if method == "exact" and method not in allowed:
+    if isinstance(method, str) and method == "exact" and method not in allowed:
         raise ParameterError(
             "simulate: method = 'exact' is not allowed for plant "
             f"'{loop.stages['plant'].name}'; it is for linear plants made by interop.from_control. "
@@ -130,9 +132,10 @@ def _method(loop: ClosedLoop, method: str | None) -> str:
 def _steps(loop: ClosedLoop, duration: float, dt: float, tau: float) -> tuple[int, int, int]:
     """Check times against one another; return the steps per sample, run and latency."""
     longest = max(tau, duration, loop.latency)
-    if not longest/dt < 1e15:
-        raise ParameterError(f"simulate: dt = {dt:g} s is not allowed; {longest:g} s must "
-                             "take less than 1e15 steps")
+    if not longest/dt <= STEPS:
+        raise ParameterError(f"simulate: dt = {dt:g} s is not allowed; {longest:g} s would take "
+                             f"{longest/dt:.3g} steps, and at most {STEPS:g} are taken (they last "
+                             "half an hour or so); give a larger dt or a shorter duration")
     m, n, lag = round(tau/dt), round(duration/dt), round(loop.latency/dt)
     if m < 1 or abs(m*dt - tau) > 1e-9*tau:
         raise ParameterError(f"simulate: tau = {tau:g} s is not allowed; it must be a multiple of "
@@ -148,20 +151,22 @@ def _steps(loop: ClosedLoop, duration: float, dt: float, tau: float) -> tuple[in
                              f"least tau = {tau:g} s")
     for path, block in (q for stage, b in loop.stages.items() for q in paths(stage, b)):
         for name, meta in block.params.items():
-            count = block.values[name]/tau if meta.samples else 1.0
-            if not 0.5 < count < 1e15 or abs(count - round(count)) >= 1e-9*count:
-                raise ParameterError(f"simulate: {path}__{name} = {block.values[name]:g} s is not "
-                                     f"allowed; it must be a multiple of tau = {tau:g} s")
+            for v in flat(block.values[name]) if meta.samples else ():
+                count = v/tau
+                if not 0.5 < count < 1e15 or abs(count - round(count)) >= 1e-9*count:
+                    raise ParameterError(f"simulate: {path}__{name} = {v:g} s is not allowed; it "
+                                         f"must be a multiple of tau = {tau:g} s")
     return m, n, lag
 
 
 def _driven(f: Callable, program: Program, loop: ClosedLoop, rec: np.ndarray, dt: float, m: int,
             n: int, every: int, k_tail: int, chunk: int, progress: Callable | None) -> tuple:
     """Run a loop in chunks; return records, figures at the end and before the tail, and the end."""
-    P = np.array([*(v for p in loop.p.values() for v in p), *constants(program, loop, dt)], float)
+    values = {q: v for q, (_, v, _) in loop.parameters().items()}
+    P = np.array([*values.values(), *constants(program, loop, dt)], float)
     x, z = loop.start()
     S = np.array([*(program.state | x | z).values()])
-    R, names = np.array(program.rings, float), [*program.state]
+    R, names = np.array(program.ring(values), float), [*program.state]
     peaks = [i for i, q in enumerate(program.state) if q.startswith("max_")]
     before = dict.fromkeys(names, 0.0)
     k = sample = row = line = 0

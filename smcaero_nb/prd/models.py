@@ -8,8 +8,10 @@ import numpy as np
 
 from ..core import Block, BlockError, ClosedLoop, ParameterError, block, simulate
 from ..core.family import written
+from ..core.leaves import heads
+from ..core.linear import vector
 from ..core.param import given
-from ..core.signal import flat
+from ..core.signal import filled, shape
 from ..core.writer import inputs
 from ..core.zeros import of_run, unstable, zeros
 from ..interop import matrices
@@ -22,16 +24,6 @@ SAMPLES = 200  # in one window
 REST, MOTION = 250, 260  # before and after the step
 FINE = 2.0  # integration steps in the fastest time constant of a model, at least
 COMPILED, PLAIN = 20000, 100  # at most in one sample
-
-
-def _outputs(s, many):
-    """The outputs, without their derivatives, as a list; `many`: the items of `s` are outputs."""
-    if not isinstance(s, tuple):
-        return [s]
-    if many:
-        return [flat(v)[0] for v in s]
-    nested = any(isinstance(v, tuple) for v in s)
-    return [q for v in s for q in _outputs(v, False)] if nested else [s[0]]
 
 
 def model(owner, source):
@@ -71,9 +63,8 @@ def responses(source, output, surface, window, amplitude, x0):
 
 def _finer(name, f, x, h, most):
     """Integration steps per sample that the fastest mode of x' = f(x) needs at the start."""
-    x, rate = np.array(x, float), np.array(f(np.array(x, float)), float)
-    steps = 1e-6*(1.0 + np.abs(x))
-    jacobian = np.column_stack([(np.array(f(x + s*e), float) - rate)/s
+    rate, steps = f(x), 1e-6*(1.0 + np.abs(x))
+    jacobian = np.column_stack([(f(x + s*e) - rate)/s
                                 for s, e in zip(steps, np.eye(len(x)), strict=True)])
     fastest = np.abs(np.linalg.eigvals(jacobian)).max() if np.isfinite(jacobian).all() else 0.0
     if FINE*h*fastest > most:
@@ -155,10 +146,14 @@ def _block(source, output, surface, h, amplitude, most=COMPILED):
         output = getattr(source, "y", None) if output is None else output
     u, d = inputs(plant)
     m = len(u) if isinstance(u, tuple) else 1
-    many = m > 1 and not (output and surface is None)  # states and sigma: one each
-    finer = _finer(plant.name, lambda x: plant(*({"t": 0.0, "x": tuple(x), "u": u, "d": d}[n]
-                                                 for n in plant.signals)),
-                   plant.z0, h, most)
+    first = m == 1 and output is None and surface is None  # of the states
+    form = shape(plant.z0)
+
+    def rate(x):
+        at = {"t": 0.0, "x": filled(form, iter(x.tolist())), "u": u, "d": d}
+        return vector(plant(*(at[n] for n in plant.signals)))
+
+    finer = _finer(plant.name, rate, vector(plant.z0), h, most)
     heights = [f"u_{j}" for j in range(m)]
     step = written("step", f"t, start=0.0, {', '.join(f'{q}=0.0' for q in heights)}",
                    "on = 1.0 if t >= start else 0.0\n"
@@ -174,8 +169,9 @@ def _block(source, output, surface, h, amplitude, most=COMPILED):
                        jit=finer > 4 and most > PLAIN)
         if run.diverged_at is not None:
             raise _diverged(plant.name, run.diverged_at - REST*h)
-        s = run.y if surface is None else run.sigma
-        return run, np.array(_outputs(s, many and isinstance(s, tuple)))[:, :REST + MOTION]
+        seen = "y" if surface is None else "sigma"
+        outputs = heads(run.leaves(seen), getattr(run, seen))
+        return run, np.array(outputs[:1] if first else outputs)[:, :REST + MOTION]
 
     run, free = moved()
     return (plant.name, [moved(**{f"law__u_{j}": amplitude})[1] - free for j in range(m)],
