@@ -31,6 +31,8 @@ def model(owner, source):
     control = sys.modules.get("control")  # who has a system of python-control has imported it
     names = ("TransferFunction", "StateSpace", "NonlinearIOSystem") if control else ()
     kinds = (Block, ClosedLoop, *(getattr(control, n) for n in names))
+    if control and isinstance(source, control.FrequencyResponseData):
+        matrices(source, owner)
     return given(owner, "source", source, kinds, "a plant block, a ClosedLoop, a control system, a "
                  "Record or (t, y, step_time, amplitude)")
 
@@ -88,7 +90,7 @@ def _linear(source, h, amplitude):
     """Exact at the samples."""
     from scipy.linalg import expm  # slow to import, so only here
 
-    A, B, C, D, _ = matrices(source)
+    A, B, C, D, _ = matrices(source, "prd.identify")
     n, m = B.shape
     ys = np.zeros((m, len(C), REST + MOTION))
     x = np.zeros((n, m))
@@ -106,7 +108,8 @@ def _nonlinear(source, h, amplitude, x0):
     """The system as a block, from `x0`; it is no code that a compiler knows."""
     if not (source.nstates and source.ninputs and source.isctime()):
         raise ParameterError(f"prd.identify: source '{source.name}' has no states, no inputs or is "
-                             "discrete-time; it must have both, and be continuous")
+                             "discrete-time; it must have both, and be continuous. A record of "
+                             "its step response is a source, too: (t, y, step_time, amplitude)")
     x0 = np.zeros(source.nstates) if x0 is None else numbers("prd.identify", "x0", x0)
     if x0.shape != (source.nstates,):
         raise ParameterError(f"prd.identify: x0 has the shape {x0.shape}; source '{source.name}' "
