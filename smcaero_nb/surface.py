@@ -13,7 +13,7 @@ from .core import Block, Param, ParameterError, block
 from .core.block import Buffer, wanted
 from .core.card import Surface
 from .core.family import family, written
-from .core.param import refused, said, several, switch
+from .core.param import refused, relative_degree, said, several, switch
 from .core.signal import first
 from .core.stages import OWN, STAGES
 from .sources import GRAHAM_1953, KODE, LEVANT_1993, LEVANT_2003, UTKIN_1996
@@ -47,7 +47,7 @@ KNOWN = Param("known", "1", low=0.0, high=1.0, help="1: the value before the sta
 
 
 def _degree(r, integral):
-    r = Param(low=1, high=6).check("surface", "r", r, int)
+    r = relative_degree("surface", r, 6)
     return r, r - 1 + switch("surface", "integral", integral)
 
 
@@ -408,7 +408,7 @@ def differenced(r: int) -> Block:
     ----------
     A. Levant, Int. J. Control 58 (1993) 1247: the twisting algorithm with the sign of a difference.
     """
-    r = Param(low=1, high=5).check("differenced", "r", r, int)
+    r = relative_degree("differenced", r, 5)
     parts = ["e"] if r == 1 else [f"e{i}" for i in range(r)]
     rate = f"({parts[-1]} - last)/tau if known else 0.0"
     body = [f"{', '.join(parts)} = e", "last, known = z",
@@ -454,7 +454,7 @@ def truncated(r: int) -> Block:
     >>> truncated(2)((0.1, 0.2, 0.3))
     (0.1, 0.2)
     """
-    r = Param(low=1, high=6).check("truncated", "r", r, int)
+    r = relative_degree("truncated", r, 6)
     parts = ", ".join(f"e[{i}]" for i in range(r)) if r > 1 else "first(e)"
     names = {"first": first, "__name__": __name__}
     return block(written("truncated", "e", f"return {parts}", names, truncated.__doc__))

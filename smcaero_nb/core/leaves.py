@@ -1,4 +1,4 @@
-"""Leaves: the numbers of a signal, described."""
+"""Leaves: the numbers of a signal, leaves_of."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -7,7 +7,7 @@ from .param import Param
 from .signal import leaves
 from .stages import SIGNALS
 
-__all__ = ["Leaf", "at", "described", "found", "heads", "named"]
+__all__ = ["Leaf", "at", "found", "heads", "leaves_of", "named"]
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ def found(signal: str, shape: Any, metas: Any, many: bool,
     return tuple(made)
 
 
-def described(loop: Any, shapes: dict[str, Any], signal: str) -> tuple[Leaf, ...]:
+def leaves_of(loop: Any, shapes: dict[str, Any], signal: str) -> tuple[Leaf, ...]:
     """Return the leaves of a signal of a loop, given the shapes of all its signals."""
     plant, output = loop.stages["plant"], loop.stages["output"]
     nested = shapes["e"] is not None and any(v is not None for v in shapes["e"])
@@ -95,7 +95,7 @@ def described(loop: Any, shapes: dict[str, Any], signal: str) -> tuple[Leaf, ...
 
 def named(loop: Any, shapes: dict[str, Any]) -> dict[str, tuple[Leaf, ...]]:
     """Return the leaves of all signals of a loop, by signal."""
-    return {s: described(loop, shapes, s) for s in (*SIGNALS[1:], "e_m", "probe") if s in shapes}
+    return {s: leaves_of(loop, shapes, s) for s in (*SIGNALS[1:], "e_m", "probe") if s in shapes}
 
 
 def heads(leaves_: tuple[Leaf, ...], values: Any) -> list:

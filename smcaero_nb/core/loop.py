@@ -8,7 +8,7 @@ from .expressions import spread
 from .param import Param, ParameterError, function, positive, texted, unknown
 from .program import parts, paths
 from .signal import leaves, shape
-from .stages import STAGES
+from .stages import SAMPLED, STAGES
 
 __all__ = ["ClosedLoop"]
 
@@ -53,7 +53,8 @@ class ClosedLoop:
     Raises
     ------
     BlockError
-        A stage is not a block.
+        A stage is not a block, or the law is a block that is a surface or something else by its
+        card.
     ParameterError
         An unknown stage, or a time, name or verdict that is not allowed.
 
@@ -80,6 +81,7 @@ class ClosedLoop:
                                              {"plant": plant, **stages})
         for stage, b in self.stages.items():
             wanted(stage, b, *((Block,) if stage == "plant" else (Block, Channels, type(None))))
+            _belongs(stage, b)
             kinds = b.kinds if b else {}
             if texts := [n for n, k in kinds.items() if k not in (float, int, bool)]:
                 raise BlockError(f"{stage} '{b.name}': {texts[0]} is a choice of texts; "
@@ -102,7 +104,7 @@ class ClosedLoop:
         own = {k: changes.pop(k, getattr(self, k)) for k in OWN}
         for name in changes:
             if (stage := name.partition("__")[0]) not in STAGES:
-                raise unknown("ClosedLoop", stage, (*STAGES, *OWN))
+                raise unknown("ClosedLoop", stage, (*STAGES, *OWN), self.settable())
         new = ClosedLoop(**routed("ClosedLoop", self.stages, changes), **own)
         if tied := [q for n, q in new._tied.items() if n in changes]:
             raise ParameterError(f"ClosedLoop: {tied[0]} of the output follows the plant; "
@@ -188,3 +190,12 @@ class ClosedLoop:
         blocks = [f"  {s:<15}{b!r}" for s, b in self.stages.items() if b]
         late = f", latency {self.latency:g} s"*(self.latency > 0.0)
         return "\n".join([f"ClosedLoop {self.name}".rstrip() + late, *blocks])
+
+
+def _belongs(stage: str, b: Any) -> None:
+    """Raise `BlockError` for a law that by its card is another stage of the control."""
+    for q in parts(b) if stage == "law" else ():
+        at = q.card.stage if q.card else None
+        if at in SAMPLED and at != stage:
+            raise BlockError(f"law '{q.name}' is a block for the stage {at}, as its card says; "
+                             f"give it as {at}={q.name}, and a law beside it")

@@ -52,6 +52,7 @@ class _Writer:
         self.x, self.z, self.rings = tuple(x), tuple(z), []
         self.exact: list[str] = []  # entries of the matrices of an exact step
         self.between = {}  # what the next block of a chain sees in place of a signal
+        self.shown = {}  # its name in messages
         self.shapes["x"] = shape(self.stages["plant"].z0)
         self.start = {**x, **z}
         self.values = {"t": 0.0, "tau": tau, "dt": 0.0, "k": 0, "m": m, "R": [], "float": float,
@@ -119,6 +120,13 @@ class _Writer:
         try:
             self.assign(gives, error(self.shapes["r"], self.shapes[of], name=of))
         except (BlockError, TypeError, IndexError) as why:
+            if of == "y_m":
+                raise BlockError(
+                    f"sensor '{self.stages['sensor'].name}' gives y_m = "
+                    f"{said(self.values_of(of))} ({kind(self.values_of(of))}), which does not fit "
+                    f"r = {said(self.values_of('r'))} ({kind(self.values_of('r'))}) in e = r - "
+                    f"y_m, as y = {said(self.values_of('y'))} does; let it give as many numbers "
+                    "as y has, or the reference fewer") from None
             told = f": {why}" if isinstance(why, BlockError) and "fails at" not in str(why) else ""
             raise BlockError(f"reference and output do not fit: e = r - {of} with "
                              f"r = {said(self.values_of('r'))}, "
@@ -220,15 +228,19 @@ class _Writer:
         return self.lines
 
     def write(self, source, where="", given=()):
-        """Append a line and try it; an error names the block, its line and its arguments."""
+        """Append a line and try it; an error names the block, its line and its arguments.
+
+        `given` has (name, name of the signal, text) of each argument.
+        """
         try:
             exec(source, self.values)
         except Exception as why:
-            shapes = {n: self.values_of(n) for n in given if n in self.shapes}
-            told = ", ".join(f"{n} = {said(v)} ({kind(v)})" for n, v in shapes.items())
+            values = {n: eval(q, self.values) for n, s, q in given if s in self.shapes}
+            names = {n: n if s == n else f"{n} = {self.shown.get(s, s)}" for n, s, _ in given}
+            told = ", ".join(f"{names[n]} = {said(v)} ({kind(v)})" for n, v in values.items())
             told = f" It was given {told}" if told else ""
             raise BlockError(f"{where} fails at t = 0{place(why)}: {type(why).__name__}: {why}."
-                             + told + way_out(why, shapes)) from why
+                             + told + way_out(why, values)) from why
         self.lines.append(source)
         self.trial.append(source)
 
@@ -292,7 +304,7 @@ class _Writer:
         for name, part in first:
             between = f"{stage}_{self.numbers['part']}"
             self.assign(between, self.block(stage, part, f"{path}__{name}", None, alias))
-            self.between[passes] = between
+            self.between[passes], self.shown[between] = between, f"{path}__{name}"
         result = self.block(stage, last, f"{path}__{end}", None, alias)
         self.between.clear()
         return result
@@ -324,6 +336,7 @@ class _Writer:
             told = (f"{n} = {said(self.values_of(n))}" for n in asked if n in self.shapes)
             raise BlockError(f"{where}: a signal it asks for has no channel {channel}: "
                              + ", ".join(told)) from None
+        given = [*zip(b.signals, asked, args, strict=True)]
         args += [nested(f"p_{stage}_{numbers['p'] + j}", shape(b.values[n]))
                  for j, n in enumerate(b.params)]
         if name not in self.places and (source := draws(b.f)):
@@ -336,7 +349,7 @@ class _Writer:
         for q, _, at in states:
             if at:
                 self.write(f"{q} = {at}")
-        self.write(f"{result} = {name}({', '.join(args)})", where, asked)
+        self.write(f"{result} = {name}({', '.join(args)})", where, given)
         shapes = {n: None if n in b.buffers else shape(b.values[n]) for n in b.states}
         check(where, self.values[result], shapes, stage)
         self.trial.append(f"check({stage!r}, {result}, {shapes!r}, {stage!r})")

@@ -14,6 +14,7 @@ from ..core import Block, Param, block
 from ..core.assumptions import MARGIN
 from ..core.card import Law
 from ..core.family import written
+from ..core.param import relative_degree
 
 __all__ = ["law", "order", "power", "ratio"]
 
@@ -38,7 +39,7 @@ def ratio(n, d):
 
 def order(owner, r, low, high):
     """Return the relative degree `r` if it is from `low` to `high`, else raise `ParameterError`."""
-    return Param(low=low, high=high).check(owner, "r", r, int)
+    return relative_degree(owner, r, high, low)
 
 
 def relayed(values, a, omega):
