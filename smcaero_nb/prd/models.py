@@ -24,7 +24,7 @@ COMPILED, PLAIN = 20000, 100  # at most in one sample
 
 
 def model(owner, source):
-    """The source if it is a model, else `ParameterError`."""
+    """Return the source if it is a model, else raise `ParameterError`."""
     control = sys.modules.get("control")  # who has a system of python-control has imported it
     names = ("TransferFunction", "StateSpace", "NonlinearIOSystem") if control else ()
     kinds = (Block, ClosedLoop, *(getattr(control, n) for n in names))
@@ -33,7 +33,7 @@ def model(owner, source):
 
 
 def responses(source, output, surface, window, amplitude, x0):
-    """Records of a model as [output][input], each input stepped by itself.
+    """Return records of a model as [output][input], each input stepped by itself.
 
     The unforced motion is subtracted.
     """
@@ -59,7 +59,7 @@ def responses(source, output, surface, window, amplitude, x0):
 
 
 def _finer(name, f, x, h, most):
-    """Integration steps per sample that the fastest mode of x' = f(x) needs at the start."""
+    """Return the integration steps per sample that the fastest mode of x' = f(x) needs at first."""
     x, rate = np.array(x, float), np.array(f(np.array(x, float)), float)
     steps = 1e-6*(1.0 + np.abs(x))
     jacobian = np.column_stack([(np.array(f(x + s*e), float) - rate)/s
@@ -77,13 +77,13 @@ def _diverged(name, since):
     if since > 0.0:
         why = f"diverges {since:.3g} s after the step; take a shorter window or a smaller amplitude"
     else:
-        why = "does not stay finite even before the step; look at its equations and initial state"
+        why = "does not stay finite even before the step; check its equations and initial state"
     return ParameterError(f"prd.identify: {name} {why}")
 
 
 # ---- each gives [input][output] of arrays of REST + MOTION samples -------------------------------
 def _linear(source, h, amplitude):
-    """Exact at the samples."""
+    """Respond exactly at the samples."""
     from scipy.linalg import expm  # slow to import, so only here
 
     A, B, C, D, _ = matrices(source)
@@ -101,7 +101,7 @@ def _linear(source, h, amplitude):
 
 
 def _nonlinear(source, h, amplitude, x0):
-    """The system as a block, from `x0`; it is no code that a compiler knows."""
+    """Run the system as a block from `x0`, plain: a compiler does not know its code."""
     if not (source.nstates and source.ninputs and source.isctime()):
         raise ParameterError(f"prd.identify: source '{source.name}' has no states, no inputs or is "
                              "discrete-time; it must have both, and be continuous")
@@ -123,7 +123,7 @@ def _nonlinear(source, h, amplitude, x0):
         motion(0.0, x0, np.zeros(source.ninputs), 0.0)
         output(0.0, x0, np.zeros(source.ninputs))
     except Exception as why:
-        raise BlockError(f"source '{source.name}' does not run where it starts: "
+        raise BlockError(f"source '{source.name}' cannot be evaluated at its initial state: "
                          f"{type(why).__name__}: {why}") from why
     motion.__name__ = source.name
     plant = block(state={f"x{i}": v for i, v in enumerate(x0.tolist())})(motion)
@@ -131,7 +131,7 @@ def _nonlinear(source, h, amplitude, x0):
 
 
 def _block(source, output, surface, h, amplitude, most=COMPILED):
-    """The block in its loop, with the step in place of the law, by Runge-Kutta of order 4.
+    """Run the block in its loop, with the step in place of the law, by Runge-Kutta of order 4.
 
     It is compiled where there are many steps.
     """
