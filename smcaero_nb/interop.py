@@ -147,9 +147,10 @@ def from_control(sys: Any) -> Block:
     Notes
     -----
     The sums are written out without the zeros of A, B, C, D, and compile into the loop like any
-    other block. A transfer function is realised in controllable companion form, one for each input
-    and denominator: minimal for one input and output, not always for more. The coefficients are
-    constants: another system is another block, and compiles anew.
+    other block. Unless `simulate` is given another method, the plant is advanced exactly from step
+    to step; its attribute `A` serves for that. A transfer function is realised in controllable
+    companion form, one for each input and denominator: minimal for one input and output, not always
+    for more. The coefficients are constants: another system is another block, and compiles anew.
 
     With a direct feedthrough (D other than 0: relative degree 0) a sample measures y under the
     control of the sample before, and its own acts from then on: no loop is algebraic. But feedback
@@ -185,7 +186,7 @@ def linear(A, B, C, D, states, name):
                 {"__name__": __name__, "total": total},
                 DOC.format(name=name, n=len(A), m=len(u), p=len(C)))
     plant = block(f, state={s: (0.0, Param(_symbol(s))) for s in states})
-    plant.y = linear_output(C, D, name)  # pyright: ignore[reportAttributeAccessIssue]
+    vars(plant).update(y=linear_output(C, D, name), A=np.array(A, float))
     return plant
 
 

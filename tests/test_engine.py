@@ -1066,12 +1066,6 @@ def test_an_error_of_shape_speaks_of_the_shape_and_the_way_out():
         simulate(ClosedLoop(linear, law=smc.smc2.twisting), 1.0, 0.1)
 
 
-def test_a_state_that_is_a_tuple_is_refused_with_the_way_out():
-    with pytest.raises(BlockError,
-                       match=r"state w = \(0.0, 0.0, 0.0\) .*name one for each number, w_0, w_1"):
-        block(state=dict(w=(0.0, 0.0, 0.0)))(lambda x: x)
-
-
 def test_tail_figures_of_run_and_metrics_have_one_shape():
     motor = smc.applications.dc_motor("super_twisting")
     for loop in (smc.lv.loop("quasi_smc"), smc.rpl.loop("adaptive_smc"), motor, ClosedLoop(linear)):

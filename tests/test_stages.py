@@ -288,9 +288,10 @@ def stepped(p, loop, n, dt, m):
     """The states after n steps of the `step` layout, each as {variable: value}."""
     names = p.functions(loop)
     exec(program.step(p), names)
-    P = [float(v) for q in loop.p.values() for v in q]
+    values = {q: v for q, (_, v, _) in loop.parameters().items()}
+    P = [float(v) for v in values.values()]
     x, z = loop.start()
-    state, R = tuple((p.state | x | z).values()), np.array(p.rings)
+    state, R = tuple((p.state | x | z).values()), np.array(p.ring(values))
     for k in range(n):
         yield dict(zip(p.state, state, strict=True))
         state = names["step"](k, state, P, R, dt, m*dt, m)
@@ -350,7 +351,7 @@ def test_a_program_has_what_lanes_need(name):
     loops = [loop.with_(**{first: loop.settable()[first][1]*g}) for g in gains]
     names = p.functions(loop)
     exec(lanes(p, W), names)
-    P = np.array([[float(v) for q in one.p.values() for v in q] for one in loops]).T
+    P = np.array([[float(v) for _, v, _ in one.parameters().values()] for one in loops]).T
     A = np.array([[*(p.state | one.start()[0] | one.start()[1]).values()] for one in loops]).T
     names["run"](A, P, loop.dt, m*loop.dt, m, n)
     for i, one in enumerate(loops):

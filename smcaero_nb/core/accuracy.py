@@ -75,7 +75,7 @@ class Accuracy:
 
 def accuracy(loop: ClosedLoop, duration: float | None = None, dt: float | None = None,
              tau: float | None = None, *, factors: Sequence[float] = FACTORS,
-             method: str = "euler", progress: Callable[[float], Any] | None = None) -> Accuracy:
+             method: str | None = None, progress: Callable[[float], Any] | None = None) -> Accuracy:
     r"""Measure the order of sliding of a loop: the slope of its accuracy over the sampling step.
 
     A sliding mode of order p, sampled every tau, keeps :math:`|\sigma^{(i)}| \le m_i \tau^{p-i}`.
@@ -91,7 +91,7 @@ def accuracy(loop: ClosedLoop, duration: float | None = None, dt: float | None =
     factors : sequence of float
         Multiples of tau, and of dt, to run with; at least four. A latency, and the duration of a
         pulse, stay as they are: they must be multiples of each dt, and of each tau.
-    method : str
+    method : str, optional
         As in `simulate`.
     progress : callable, optional
         Called with the fraction done (0 to 1); an exception that it raises ends the

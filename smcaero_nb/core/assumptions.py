@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .block import Block
+from .growth import step_doubts
 from .param import switch, texted
 from .signal import flat
 
@@ -122,6 +123,7 @@ def doubts(run: "Run") -> list[str]:
     not count. Changes faster than the recorded rows are averaged out.
     """
     law, allocation, said = run.loop.stages["law"], run.loop.stages["allocation"], []
+    said += step_doubts(run)
     if getattr(allocation, "theorem", None):
         rows = np.unique(np.linspace(0, len(run.t) - 1, ROWS).astype(int))
         why = allocation.theorem(dict(allocation.values), [_row(run.y, i) for i in rows])

@@ -10,20 +10,24 @@ import numpy as np
 
 from .block import BlockError
 from .param import listed, number, real, said
-from .signal import flat, shape
+from .signal import flat, shape, size, tuples
 
 __all__ = ["check", "kind", "place", "way_out"]
 
 
-def check(where: str, got: Any, states: tuple[str, ...], stage: str) -> None:
-    """Raise `BlockError` unless a block returned what its stage needs."""
-    names = listed(states)
+def check(where: str, got: Any, states: dict[str, Any], stage: str) -> None:
+    """Raise `BlockError` unless a block returned what its stage needs.
+
+    `states` has the shape of each state; arrays are taken as tuples.
+    """
+    names = listed(n if s is None else f"{n}: {size(s)}" for n, s in states.items())
+    got, wanted = tuples(got), tuple(states.values())
     if stage != "plant" and states:
-        if not (isinstance(got, tuple) and len(got) == 2 and shape(got[1]) == (None,)*len(states)):
+        if not (isinstance(got, tuple) and len(got) == 2 and shape(got[1]) == wanted):
             raise BlockError(f"{where} must return (output, next z), next z a tuple of "
                              f"{len(states)} ({names}); it returned {said(got)}")
         got = got[0]
-    if stage == "plant" and shape(got) != (None,)*len(states):
+    if stage == "plant" and shape(got) != wanted:
         raise BlockError(f"{where} must return dx/dt as a tuple of {len(states)} ({names}); "
                          f"it returned {said(got)}")
     if stage == "stop" and isinstance(got, tuple):

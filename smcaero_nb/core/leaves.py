@@ -60,7 +60,7 @@ def found(signal: str, shape: Any, metas: Any, many: bool,
     Nested items are channels, and the items of a channel are derivatives. The items of a flat
     signal are derivatives of one another, or channels if `many`; with `names`, named channels.
     """
-    nested = shape is not None and any(v is not None for v in shape)
+    nested = not names and shape is not None and any(v is not None for v in shape)
     made = []
     for q in leaves(shape):
         path = tuple(int(i) for i in q[1:-1].split("][")) if q else ()
@@ -69,7 +69,9 @@ def found(signal: str, shape: Any, metas: Any, many: bool,
         derivative = None if not nested and many else (inner[-1] if inner else 0)
         several = shape is not None and (nested or many) and len(shape) > 1
         mark = f"[{channel}]" if several else ""
-        key = f"{signal}.{names[channel]}" if names else f"{signal}{mark}" + "'"*(derivative or 0)
+        key = f"{signal}{mark}" + "'"*(derivative or 0)
+        if names:
+            key = f"{signal}.{names[channel]}" + "".join(f"[{i}]" for i in path[1:])
         made.append(Leaf(key, signal, path, channel, derivative, _meta(metas, path)))
     return tuple(made)
 
@@ -79,12 +81,13 @@ def leaves_of(loop: Any, shapes: dict[str, Any], signal: str) -> tuple[Leaf, ...
     plant, output = loop.stages["plant"], loop.stages["output"]
     nested = shapes["e"] is not None and any(v is not None for v in shapes["e"])
     channels = nested or loop.stages["law"] is not None and shapes["v"] is not None
-    names = () if output or len(plant.states) == 1 else tuple(plant.states)
+    names = () if output or shapes["x"] == (None,) else tuple(plant.states)
     passed = signal == "e_hat" and not loop.stages["differentiator"]
     outward = signal in ("r", "y", "y_m", "e", "e_m") or passed
-    states = names if outward and shapes[signal] == shapes["x"] else ()
+    rows = signal == "sigma" and not loop.stages["surface"] and any(shapes["x"])
+    states = names if (outward or rows) and shapes[signal] == shapes["x"] else ()
     metas = loop.metadata(signal)
-    if outward and not output and metas is None:
+    if (outward or states) and not output and metas is None:
         metas = tuple(plant.states.values())
     many = bool(states) or signal in ("v", "u", "d", "probe") or signal == "sigma" and channels
     return found(signal, shapes[signal], metas, many, states)

@@ -1,11 +1,13 @@
 """The closed loop: blocks in their stages."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from .block import Block, BlockError, Channels, routed, wanted
+from .expressions import spread
 from .param import Param, ParameterError, function, positive, texted, unknown
 from .program import parts, paths
+from .signal import leaves, shape
 from .stages import SAMPLED, STAGES
 
 __all__ = ["ClosedLoop"]
@@ -134,12 +136,36 @@ class ClosedLoop:
             b["output"] = b["output"].with_(**tied)
         return {s: v.p for s, v in b.items() if v}
 
+    def parameters(self) -> dict[str, tuple[str, float, type]]:
+        """Return {variable: (full name, value, kind)} of all parameters and sizes of buffers."""
+        made = {}
+        for s, values in self.p.items():
+            own = [(f"{path}__{n}", b.kinds[n]) for path, b in paths(s, self.stages[s])
+                   for n in b.params]
+            for i, (v, (name, kind)) in enumerate(zip(values, own, strict=True)):
+                entries = zip(spread(f"p_{s}_{i}", v).items(), leaves(shape(v)), strict=True)
+                made |= {q: (name + at, number, kind) for (q, number), at in entries}
+        for variable, name, b, n in self._states():
+            if n in b.buffers:
+                made[f"n_{variable}"] = name, b.values[n], int
+        return made
+
+    def _states(self) -> Iterator[tuple[str, str, Block, str]]:
+        """(variable, full name, block, name) of each state of the blocks with memory."""
+        for s, q in STAGES.items():
+            if q.memory and s != "plant":
+                own = ((path, b, n) for path, b in paths(s, self.stages[s]) for n in b.states)
+                yield from ((f"z_{s}_{i}", f"{path}__{n}", b, n)
+                            for i, (path, b, n) in enumerate(own))
+
     def start(self) -> tuple[dict[str, float], dict[str, float]]:
         """Return the initial {variable: value} of the plant and of the blocks with memory."""
-        z = {f"z_{s}_{i}": v for s, q in STAGES.items()
-             if q.memory and s != "plant" and self.stages[s]
-             for i, v in enumerate(self.stages[s].z0)}
-        return {f"x_{i}": v for i, v in enumerate(self.stages["plant"].z0)}, z
+        x, z = {}, {}
+        for i, v in enumerate(self.stages["plant"].z0):
+            x |= spread(f"x_{i}", v)
+        for variable, _, b, n in self._states():
+            z |= {} if n in b.buffers else spread(variable, b.values[n])
+        return x, z
 
     def metadata(self, signal: str) -> Any:
         """Return the metadata of a signal: a `Param`, a nested tuple of them, or None."""

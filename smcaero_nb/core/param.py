@@ -7,14 +7,18 @@ import numbers
 import reprlib
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Any, get_args, get_origin
+from typing import Any, Literal, get_args, get_origin
 
 import numpy as np
 
-__all__ = ["Param", "ParameterError", "chosen", "declared", "function", "given", "listed", "number",
-           "positive", "real", "refused", "said", "several", "switch", "texted", "unknown"]
+from .signal import leaves, shape, size
+
+__all__ = ["Param", "ParameterError", "checked", "chosen", "declared", "function", "given",
+           "listed", "number", "positive", "real", "refused", "said", "several", "switch", "texted",
+           "unknown"]
 
 MOST, MANY = 160, 400  # characters of a value, and of a list of names, that a message shows
+ENTRIES = 100  # maximum number of entries of a parameter
 
 
 class ParameterError(ValueError):
@@ -98,6 +102,38 @@ class Param:
         elif low or high:
             what += f", at least {self.low:g}" if low else f", at most {self.high:g}"
         return what + (f"{' ' if low or high else ', in '}{self.unit}" if self.unit != "1" else "")
+
+
+def checked(owner: str, name: str, meta: Param, value: Any, kind: Any = float,
+            like: Any = None) -> Any:
+    """Return a value if it is allowed: a number, a tuple of numbers or a tuple of rows of numbers.
+
+    Lists and arrays become tuples. A tuple must have as many entries as `like`, if that is given.
+    """
+    entries = _tupled(value)
+    if not isinstance(entries if like is None else like, tuple):
+        return meta.check(owner, name, value, kind)
+    form = shape(entries)
+    if like is not None and form != shape(like):
+        rows = " numbers"*isinstance(like[0], tuple)
+        raise refused(owner, name, value, size(shape(like)) + rows, meta.unit)
+    deep = any(q is not None for row in form if row is not None for q in row)
+    if deep or () in (form, *form) or len(leaves(form)) > ENTRIES:
+        raise refused(owner, name, value, "a number, a tuple of numbers or a tuple of rows of "
+                      f"numbers, of at most {ENTRIES}; a block reads more from an array")
+    return _checked(owner, name, meta, entries, kind)
+
+
+def _tupled(value: Any) -> Any:
+    """Tuples for lists and arrays, nested as they are."""
+    sequence = isinstance(value, (tuple, list)) or isinstance(value, np.ndarray) and value.ndim
+    return tuple(map(_tupled, value)) if sequence else value
+
+
+def _checked(owner: str, name: str, meta: Param, value: Any, kind: Any) -> Any:
+    if isinstance(value, tuple):
+        return tuple(_checked(owner, f"{name}[{i}]", meta, v, kind) for i, v in enumerate(value))
+    return meta.check(owner, name, value, kind)
 
 
 def real(value: Any) -> bool:
@@ -218,12 +254,13 @@ def declared(f: Callable) -> tuple[tuple, dict, dict, dict, Any]:
         if a.default is a.empty:
             signals.append(name)
             continue
-        params[name] = _meta(a.annotation) or Param()
+        meta = _meta(a.annotation)
+        params[name] = meta if isinstance(meta, Param) else Param()
         kind = a.annotation.__origin__ if hasattr(a.annotation, "__metadata__") else a.annotation
-        if kind not in (int, bool, float) and not get_args(kind):
+        if kind not in (int, bool, float) and get_origin(kind) is not Literal:
             kind = bool if isinstance(a.default, bool) else float
         kinds[name] = kind
-        values[name] = params[name].check(f.__name__, name, a.default, kinds[name])
+        values[name] = checked(f.__name__, name, params[name], a.default, kind)
     return tuple(signals), params, kinds, values, _meta(signature.return_annotation)
 
 

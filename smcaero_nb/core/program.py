@@ -7,14 +7,15 @@ step, and as one that takes a single step.
 import ast
 import functools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from .block import Block
 from .checks import check
 
-__all__ = ["METHODS", "Line", "Meter", "Program", "parts", "paths", "serial", "step"]
+__all__ = ["METHODS", "Line", "Meter", "Program", "first", "methods", "parts", "paths", "serial",
+           "step"]
 
 LIMIT = 1e12  # sum of |x|, or of |u|, beyond which any run has diverged
 #: (node, weight) of each evaluation of the plant
@@ -125,14 +126,17 @@ class Program:
         Variables of a recorded row.
     inside, driven : str
         Conditions under which a step, and a sample, are within all limits.
-    rings : tuple of float
-        Initial values of the ring buffers.
+    rings : tuple of (str, float)
+        Length, a variable or a number, and initial value of each ring buffer in R, in order.
     lag : int
         Steps until a control acts.
     kinds : dict of str to type
         Of the parameters, by variable.
     trial : tuple of str
         The lines tried, in order.
+    exact : tuple of str
+        Variables of the matrices that advance a linear plant exactly (`exact.constants`), which
+        follow the parameters in P; empty for the methods of Runge and Kutta.
     """
 
     segments: dict[str, tuple[Line, ...]]
@@ -147,10 +151,11 @@ class Program:
     columns: tuple[str, ...]
     inside: str
     driven: str
-    rings: tuple[float, ...]
+    rings: tuple[tuple[str, float], ...]
     lag: int
     kinds: dict[str, type]
     trial: tuple[str, ...]
+    exact: tuple[str, ...] = ()
 
     def updates(self, when: str, serial: bool = False) -> list[str]:
         """Return the lines of the meters at a moment, with branches if `serial`."""
@@ -185,12 +190,17 @@ class Program:
     def _trial(self) -> Any:
         return compile("\n".join(self.trial), "<trial>", "exec")
 
+    def ring(self, values: dict[str, float]) -> list[float]:
+        """Return R, the ring buffers one after the other, for given values of the parameters."""
+        return [v for size, v in self.rings for _ in range(int(values.get(size) or size))]
+
     def tried(self, loop: Any, tau: float, m: int) -> dict[str, Any]:
         """Return the variables after the first step of a loop, run line by line."""
-        values = dict(zip(self.params, (v for p in loop.p.values() for v in p), strict=True))
+        values = {q: v for q, (_, v, _) in loop.parameters().items()}
         x, z = loop.start()
-        made = {"t": 0.0, "tau": tau, "dt": 0.0, "k": 0, "m": m, "R": [*self.rings],
-                "check": check, **self.functions(loop), **x, **z, **values}
+        made = {"t": 0.0, "tau": tau, "dt": 0.0, "k": 0, "m": m, "R": self.ring(values),
+                "check": check, **dict.fromkeys(self.exact, 0.0), **self.functions(loop), **x, **z,
+                **values}
         exec(self._trial, made)
         return made
 
@@ -201,6 +211,14 @@ class Program:
         except Exception:
             return False
         return True
+
+
+def methods(loop: Any) -> tuple[str, ...]:
+    """Return the integration methods for a loop, its default first.
+
+    A linear plant of python-control (`interop.from_control`) has ``"exact"``, which is its default.
+    """
+    return ("exact", *METHODS) if hasattr(loop.stages["plant"], "A") else tuple(METHODS)
 
 
 def parts(b: Any) -> list[Block]:
@@ -275,7 +293,15 @@ def _texts(p: Program, segment: str) -> list[str]:
 
 
 def _loaded(p: Program) -> list[str]:
-    return [f"{q} = {CAST[p.kinds[q]].format(f'P[{i}]')}" for i, q in enumerate(p.params)]
+    return [*(f"{q} = {CAST[p.kinds[q]].format(f'P[{i}]')}" for i, q in enumerate(p.params)),
+            *(f"{q} = P[{i}]" for i, q in enumerate(p.exact, len(p.params))),
+            *(first(p.rings[:i]) for i in range(len(p.rings)))]
+
+
+def first(rings: Sequence[tuple[str, float]]) -> str:
+    """Return the line that says where the ring after these begins."""
+    n = len(rings)
+    return f"first_{n} = " + (f"first_{n - 1} + {rings[-1][0]}" if n else "0")
 
 
 def _segments(p: Program, branches: bool) -> dict[str, list[str]]:

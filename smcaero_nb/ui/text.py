@@ -248,7 +248,8 @@ def why_diverged(run: Run) -> str:
         return "diverged at 0 s: the start is beyond the limits of the plant"
     about = flat(loop.metadata("y") or ())
     signals = [("y", v, m) for v, m in zip(flat(run.y), about, strict=False) if m]
-    signals += [(n, getattr(run.x, n), m) for n, m in loop.stages["plant"].states.items()]
+    signals += [(n, v, m) for n, m in loop.stages["plant"].states.items()
+                for v in flat(getattr(run.x, n))]
     used = {}
     for name, values, meta in signals:
         bound = meta.high if values[-1] > 0 else -meta.low
