@@ -263,3 +263,29 @@ def test_what_the_step_is_judged_by_costs_little(loop):
         step_doubts(run)
         costs.append(perf_counter() - began)
     assert min(costs) < 3e-3  # 0.5 ms on a quiet machine
+
+
+# ---- a relative degree above those of the kit ----------------------------------------------------
+@pytest.mark.parametrize("make, high", [
+    (lambda: smc.surface.polynomial((1.0,)*7, integral=False), 6),
+    (lambda: smc.surface.itae(8, 10.0), 6), (lambda: smc.hosmc.quasi_continuous(8), 5),
+    (lambda: smc.differentiators.observer(8), 6),
+    (lambda: smc.applications.perturbed_chain(smc.smc1.sign_smc, 8), 6)])
+def test_a_relative_degree_that_is_too_high_is_refused_with_the_way_on(make, high):
+    with pytest.raises(ParameterError, match=f"r = 8 is not allowed.*from 1 to {high}.*prd.sweep.*"
+                                             "as a block.*np.poly"):
+        make()
+
+
+def test_the_way_on_slides_at_relative_degree_eight():
+    c = tuple(np.poly([-2.0]*7).tolist())
+    plant = block(lambda x, u, d: (*x[1:], u + d), state={f"x{i}": 0.5*(i == 0) for i in range(8)})
+
+    @block
+    def sigma(e):
+        return (c[0]*e[7] + c[1]*e[6] + c[2]*e[5] + c[3]*e[4] + c[4]*e[3] + c[5]*e[2] + c[6]*e[1]
+                + c[7]*e[0])
+
+    loop = ClosedLoop(plant, surface=sigma, law=smc.smc1.sign_smc.with_(rho=500.0))
+    run = simulate(loop, 20.0, 1e-3)
+    assert not run.doubts() and run.tail_sigma < 1.0 and np.abs(run.x.x0[-1]) < 1e-4

@@ -12,7 +12,7 @@ from .signal import filled, flat, shape
 if TYPE_CHECKING:
     from .run import Run
 
-__all__ = ["given", "jacobian", "motion", "row", "vector"]
+__all__ = ["called", "given", "jacobian", "motion", "row", "vector"]
 
 STEP = 1e-6  # of a difference, relative to 1 + |x|
 SMOOTH = 1e-3  # relative difference of the slopes on both sides, above which there is a kink
@@ -46,16 +46,17 @@ def motion(run: "Run") -> Callable[[dict[str, Any], np.ndarray], np.ndarray]:
     def rate(at: dict[str, Any], x: np.ndarray) -> np.ndarray:
         values = {**at, "x": filled(form, iter(x.tolist()))}
         if follows:
-            values["d"] = _called(world, values)
+            values["d"] = called(world, values)
         return vector(plant.f(*(values[n] for n in plant.signals), *p))
 
     return rate
 
 
-def _called(b: Any, values: dict[str, Any]) -> Any:
-    """Output of a block, or of channels of blocks, that see the same signals."""
+def called(b: Any, values: dict[str, Any]) -> Any:
+    """Return the output of a block, or of channels, each of which sees its part of the signals."""
     if isinstance(b, Channels):
-        return tuple(_called(q, values) for q in b.parts.values())
+        return tuple(called(q, {n: v if n in ("t", "x") else v[i] for n, v in values.items()
+                                if n in q.signals}) for i, q in enumerate(b.parts.values()))
     return b.f(*(values[n] for n in b.signals), *b.p)
 
 

@@ -14,8 +14,8 @@ import numpy as np
 from .signal import leaves, shape, size
 
 __all__ = ["Param", "ParameterError", "checked", "chosen", "declared", "function", "given",
-           "listed", "number", "positive", "real", "refused", "said", "several", "switch", "texted",
-           "unknown"]
+           "listed", "number", "positive", "real", "refused", "relative_degree", "said", "several",
+           "switch", "texted", "unknown"]
 
 MOST, MANY = 160, 400  # characters of a value, and of a list of names, that a message shows
 ENTRIES = 100  # maximum number of entries of a parameter
@@ -196,6 +196,22 @@ def refused(owner: str, name: str, value: Any, must: str, unit: str = "1") -> Pa
     """The error for a value that is not allowed; `must` says what it must be."""
     value = said(value, unit)
     return ParameterError(f"{owner}: {name} = {value} is not allowed; it must be {must}")
+
+
+def relative_degree(owner: str, r: Any, high: int, low: int = 1) -> int:
+    """Return a relative degree from `low` to `high`, else raise `ParameterError`; names the way on.
+
+    Higher ones are rare in a design, and a law of first order takes any.
+    """
+    try:
+        return Param(low=low, high=high).check(owner, "r", r, int)
+    except ParameterError as why:
+        if not number(r) > high:
+            raise
+        raise ParameterError(
+            f"{why}. On a longer time scale it may be lower (prd.sweep); or write the sliding "
+            "variable of any r as a block, e^(r-1) + c_(r-2) e^(r-2) + ... + c_0 e with c of "
+            "np.poly([-w]*(r - 1)), for a law of relative degree 1") from None
 
 
 def chosen(owner: str, name: str, value: Any, allowed: Iterable[str]) -> str:

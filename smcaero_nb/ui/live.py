@@ -17,7 +17,7 @@ from .given import states as known
 from .job import Cancelled, Job, Overtaken, interrupted
 from .mask import Mask
 from .picture import Download, Picture
-from .text import result_html, why_diverged, why_not
+from .text import doubts_text, result_html, why_diverged, why_not
 
 __all__ = ["Live", "live"]
 
@@ -83,7 +83,7 @@ class Live(W.Box):
         self.times = seconds("live", duration=duration, dt=dt, tau=tau)
         loops = offered("live", loops, Block, ClosedLoop)
         self._look = known("live", states, loops.values()), phase
-        self.mask, self._picture = Mask(loops, include, tau), Picture()
+        self.mask, self._picture = Mask(loops, include, tau, dt), Picture()
         self.curves: dict[str, Curve] = {}
         self._drawn: _Drawn | None = None
         self._shown: _Drawn | None = None
@@ -145,7 +145,8 @@ class Live(W.Box):
 
         The wait keeps the moves of a slider from queueing.
         """
-        setting, asked = (self.mask.chosen, self.loop), self.job.worker.asked
+        asked = self.job.worker.asked
+        setting = self.mask.chosen, self.loop, self.mask.method
         if asked and not again and asked[0][0] == setting[0] and asked[0][1] is setting[1]:
             return
         if not self.job.ask(setting, patience) and self.job.worker.fraction is None:
@@ -154,8 +155,8 @@ class Live(W.Box):
                 self._say(*self._told)
 
     def _work(self, asked, progress):
-        """Simulate or call, and draw or say why not; say it too where no theorem covers a run."""
-        (choice, loop), refused = asked, True
+        """Simulate or call, and draw or say why not; say what speaks against a run, too."""
+        (choice, loop, method), refused = asked, True
 
         def watched(fraction):
             progress(fraction)
@@ -167,7 +168,7 @@ class Live(W.Box):
             progress()
             if isinstance(loop, ClosedLoop):
                 record = rows(loop, **self.times)
-                run = simulate(loop, **self.times, record=record, progress=watched)
+                run = simulate(loop, **self.times, method=method, record=record, progress=watched)
                 text, refused = self._simulated(choice, run)
             else:
                 text, refused = self._called(choice, loop)
@@ -193,7 +194,7 @@ class Live(W.Box):
         if not good:
             where = "the curves end there" if drawn else KEPT
             return why_diverged(run) + (f"; {where}." if self.run else "."), True
-        return " ".join(f"{q}: the theorem does not cover this." for q in run.doubts()), False
+        return doubts_text(run.doubts()), False
 
     def _called(self, choice, block):
         """Draw what a block returns, and what it warns of."""

@@ -18,6 +18,10 @@ async function render({ model, el }) {
   el.classList.add("smcaero-picture");
   el.appendChild(box);
   const plotly = await loaded(model), curves = await beside(model, "curves");
+  if (["localhost", "127.0.0.1", "[::1]"].includes(location.hostname) && !curves.get("near")) {
+    curves.set("near", true);
+    curves.save_changes();
+  }
 
   // One message may change all three; they are drawn when it has been read.
   let asked = false;

@@ -20,6 +20,10 @@ from plotly.offline import get_plotlyjs
 __all__ = ["Download", "Picture"]
 
 HERE = pathlib.Path(__file__).parent
+# bytes: on its own machine TCP passes on a packet of up to 64 KiB at once if it is full; a smaller
+# one waits, where Jupyter's server is the sender, until the page acknowledges the one before, and
+# that takes 40 ms
+FULL = 65_536
 
 
 class _Code(W.Widget):
@@ -39,13 +43,15 @@ class _Curves(W.Widget):
     drawing = traitlets.Dict().tag(sync=True)  # traces and layout, without the numbers
     x = traitlets.List().tag(sync=True)
     y = traitlets.List().tag(sync=True)
+    near = traitlets.Bool(False).tag(sync=True)  # the page says: it is on the machine of the server
+    filling = traitlets.Bytes().tag(sync=True)  # so that the message fills a packet
 
 
 class Picture(anywidget.AnyWidget):
     """Traces and layout, drawn by plotly.js.
 
     The curves are state, not messages as in plotly's own FigureWidget: a page that loads slowly, or
-    is reloaded, draws the current ones. The page answers nothing, so any thread may change them.
+    is reloaded, draws the current ones. The page changes none, so any thread may change them.
     """
 
     _esm = HERE / "picture.js"
@@ -73,6 +79,8 @@ class Picture(anywidget.AnyWidget):
         with self.curves.hold_sync():
             self.curves.x, self.curves.y = (
                 [np.asarray(q, np.float32).tobytes() for q in values] for values in (x, y))
+            if self.curves.near:  # another size, or it would not be sent
+                self.curves.filling = bytes(FULL + (len(self.curves.filling) == FULL))
 
 
 def _numbers(values):
