@@ -474,15 +474,19 @@ def relay(sigma, rho: Annotated[float, Param(r"\rho", "N", low=0.0)] = 2.0):
 RELAY = ClosedLoop(cart, surface=line, law=relay, duration=5.0, dt=1e-3)
 
 
-def test_chattering_between_rows_is_drawn():
+def test_chattering_between_rows_is_a_band_around_its_mean():
     run = smc.simulate(RELAY, record=50)
-    u = next(c for c in panels(run) if c.key == "u")
-    tail = u.x > 4.0
-    assert u.y[tail].max() == 2.0 and u.y[tail].min() == -2.0
-    assert np.all(np.diff(u.x) > 0) and len(u.x) == 3*len(run.t) - 2
-    np.testing.assert_allclose(u.y[::3], run.u)
-    inside = np.repeat(run.high.u[1:], 2) >= np.delete(u.y, np.s_[::3]) - 1e-6
-    assert inside.all()
+    curves = {c.key: c for c in panels(run)}
+    u, band = curves["u"], curves["u.range"]
+    assert np.isin(band.x[np.isfinite(band.x)], run.t.astype(np.float32)).all()
+    assert set(band.y[np.isfinite(band.y)].tolist()) == {-2.0, 2.0}  # as the meters say
+    assert np.nanmin(band.x) < 1.0 and np.nanmax(band.x) == 5.0
+    for t, mean in zip(u.x[u.x > 1.0], u.y[u.x > 1.0], strict=True):
+        k = int(np.argmin(np.abs(run.t - t)))
+        a, b = k - 1, min(k + 1, 50)  # the rows are further apart than 1 % of the run
+        v = run.integral_v[b] - run.integral_v[a]
+        assert mean == pytest.approx(v/(run.t[b] - run.t[a]), abs=1e-6)
+    assert np.isnan(curves["sigma"].y[-10:]).all()  # its mean is not known
 
 
 def test_a_smooth_curve_stays_as_it_is():
@@ -495,7 +499,8 @@ def test_panels_of_the_launch_vehicle():
     run = smc.simulate(LOOPS["adaptive_super_twisting"])
     curves = {c.key: c for c in panels(run, ("beta", "dbeta"))}
     assert [(c.key, c.row) for c in curves.values()] == [
-        ("y", "output"), ("r", "output"), ("dy", "rate"), ("u", "control"), ("x.beta", "control"),
+        ("y", "output"), ("r", "output"), ("dy", "rate"), ("u.range", "control"),
+        ("u", "control"), ("x.beta", "control"),
         ("x.dbeta", "states [rad/s]"),
         ("sigma", "sliding variable"), ("law.lam", "states of the law"),
         ("law.w", "states of the law")]
@@ -542,9 +547,12 @@ def test_plot():
     figure = plot(runs["quasi_smc"])
     assert [t.name for t in figure.data if t.showlegend] == ["θ", "reference"]
     both = plot(runs, states=("beta",))
-    assert [t.name for t in both.data if t.showlegend] == ["pd", "reference", "quasi_smc", "β"]
-    assert len({t.line.color for t in both.data if t.meta == "y"}) == 2
-    tops = [both.layout[f"yaxis{i}"].domain for i in ("", 2, 3, 4)]
+    assert [t.name for t in both.data if t.showlegend] == ["pd", "reference", "quasi_smc"]
+    for look in "color", "dash", "width":  # told apart in grey print, too
+        assert len({t.line[look] for t in both.data if t.meta == "y"}) == 2
+    beta, u = ({t.yaxis for t in both.data if t.meta == n} for n in ("x.beta", "u"))
+    assert len(beta) == 1 and beta.isdisjoint(u)  # a dash is a run, not a quantity
+    tops = [both.layout[f"yaxis{i}"].domain for i in ("", 2, 3, 4, 5)]
     # panels do not overlap
     assert all(above[0] > below[1] for above, below in zip(tops, tops[1:], strict=False))
 
@@ -559,11 +567,11 @@ def picture():
 
 def test_curves_follow_the_mask(picture):
     before = {k: t.y.copy() for k, t in picture.curves.items()}
-    assert set(before) == {"y", "r", "dy", "u", "x.beta", "sigma"}
+    assert set(before) - {"u.range"} == {"y", "r", "dy", "u", "x.beta", "sigma"}
     picture.mask.widgets["law__rho"].value = 3.0
     picture.wait()
     assert picture.loop.stages["law"].values["rho"] == 3.0 and picture.run.loop is picture.loop
-    for k in set(before) - {"r"}:
+    for k in set(before) - {"r", "u.range"}:
         assert not np.array_equal(before[k], picture.curves[k].y)
     np.testing.assert_allclose(picture.curves["y"].y, np.degrees(picture.run.y[0]), rtol=1e-6)
     picture.mask.reset()
@@ -582,15 +590,18 @@ def test_a_page_loaded_anew_gets_the_curves_of_now(picture):
     assert picture.mask.widgets["law__rho"].get_state()["value"] == 4.0
 
 
-def test_diverged_and_refused_settings_keep_the_curves(picture):
-    before, run = picture.curves["y"].y.copy(), picture.run
+def test_a_lost_run_is_drawn_to_its_end_before_the_last_good_one_in_grey(picture):
+    before, run = picture.curves["y"], picture.run
     picture.set(law__rho=0.2)
     assert picture.status.startswith("diverged at ")
     assert "θ left its limit of 573 deg" in picture.status
-    assert "the curves are those of the last good setting" in picture.status
+    assert picture.status.endswith("the curves end there, those of the last good setting are grey.")
     assert "smcaero-bad" in picture.mask._status.value
     assert picture.run is run and picture.loop.stages["law"].values["rho"] == 0.2
-    np.testing.assert_array_equal(before, picture.curves["y"].y)
+    assert picture.curves["y"].x[-1] < 30.0 and abs(picture.curves["y"].y[-1]) > 500.0
+    shadow = shadows(picture)
+    assert {"y", "dy", "u", "sigma"} <= set(shadow)
+    np.testing.assert_array_equal(shadow["y"], (before.x, before.y))
     typed(picture.mask, "law__rho", "much")
     assert "not allowed" in picture.mask._status.value
     assert picture.mask.entries["law__rho"].value == "much"
@@ -598,7 +609,56 @@ def test_diverged_and_refused_settings_keep_the_curves(picture):
         picture.set(law__rho=-1.0)
     picture.set(law__rho=2.5)
     assert picture.status == picture.mask._status.value == ""
-    assert not np.array_equal(before, picture.curves["y"].y)
+    assert not np.array_equal(before.y, picture.curves["y"].y)
+
+
+def shadows(picture):
+    """{key: (x, y)} of the curves in grey behind the others."""
+    drawn = [*picture.curves]
+    return {drawn[n]: tuple(np.frombuffer(q, np.float32) for q in xy)
+            for n, *xy in picture._picture.curves.behind}
+
+
+def test_the_setting_before_stays_as_a_shadow(picture):
+    first = picture.curves["y"].y
+    assert shadows(picture) == {}
+    picture.set(law__rho=3.0)
+    second = picture.curves["y"].y
+    np.testing.assert_array_equal(shadows(picture)["y"][1], first)
+    picture._rested -= 10.0  # as if it had been looked at
+    for rho in (3.1, 3.2, 3.3):  # a slider on its way
+        picture.set(law__rho=rho)
+        np.testing.assert_array_equal(shadows(picture)["y"][1], second)
+
+
+def test_while_a_run_is_going_the_curves_are_grey_and_those_of_another_law_are_gone(monkeypatch):
+    picture = live({"quasi": LOOPS["quasi_smc"], "adaptive": LOOPS["adaptive_super_twisting"]})
+    picture.wait()
+    module, gate = sys.modules[live.__module__], threading.Event()
+    real = module.simulate
+
+    def slow(*args, progress, **options):
+        while not gate.wait(0.005):
+            progress(0.5)
+        return real(*args, progress=progress, **options)
+
+    monkeypatch.setattr(module, "simulate", slow)
+    state = picture._picture.curves
+    picture.mask.widgets["law__rho"].value = 3.0
+    assert state.state == "old" and picture.curves
+    gate.set()
+    picture.wait()
+    assert state.state == ""
+    gate.clear()
+    picture.mask.choice.value = "adaptive"
+    assert state.state == "gone" and picture.curves == {} and picture.figure.data == ()
+    picture.cancel()
+    picture.job.wait()
+    assert state.state == "gone" and picture.status.startswith("Cancelled")
+    picture.mask.choice.value = "quasi"
+    gate.set()
+    picture.wait()
+    assert state.state == "" and {"y", "sigma"} <= set(picture.curves)
 
 
 def test_a_loop_that_diverges_from_the_start_is_shown_as_far_as_it_goes():
@@ -611,6 +671,7 @@ def test_a_failing_block_is_told_in_words():
     picture = live(RELAY)
     before = picture.curves["u"].y.copy()
     picture.set(law__rho=60.0)
+    assert picture._picture.curves.state == "old"
     assert "too strong" in picture.status
     assert "the curves are those of the last good setting" in picture.status
     np.testing.assert_array_equal(before, picture.curves["u"].y)
@@ -976,12 +1037,12 @@ def test_a_trial_is_drawn_said_and_saved():
     assert "tau = 0.9 s is not allowed" in p.status and p.run is before
     p.mask.choice.value = "loop"
     p.wait()
-    assert set(p.curves) == {"y", "r", "dy", "u"} and p.status == ""
+    assert set(p.curves) - {"u.range"} == {"y", "r", "dy", "u"} and p.status == ""
     assert button.file == ""  # a run is not what the button would save
     p.mask.choice.value = "two tones"
     p.wait()
     assert "tau = 0.9 s is not allowed" in p.mask._status.value
-    assert set(p.curves) == {"y", "r", "dy", "u"}  # of the loop, still
+    assert p.curves == {} and p.figure.data == ()  # those of the loop are not the trial's
     p.set(tau=0.02, L=2.0)
     assert p.curves == {} and p.status == "" and button.file == "two tones, estimates.csv"
 

@@ -38,9 +38,9 @@ def model(owner, source):
 
 
 def responses(source, output, surface, window, amplitude, x0):
-    """Return records of a model as [output][input], each input stepped alone, and unstable zeros.
+    """Return records of a model as [output][input], and its zeros in the right half plane.
 
-    The unforced motion is subtracted.
+    Each input is stepped by itself, and the unforced motion is subtracted.
     """
     h = window/SAMPLES
     control = sys.modules.get("control")
@@ -64,7 +64,7 @@ def responses(source, output, surface, window, amplitude, x0):
 
 
 def _finer(name, f, x, h, most):
-    """Integration steps per sample that the fastest mode of x' = f(x) needs at the start."""
+    """Return the integration steps per sample that the fastest mode of x' = f(x) needs at first."""
     rate, steps = f(x), 1e-6*(1.0 + np.abs(x))
     jacobian = np.column_stack([(f(x + s*e) - rate)/s
                                 for s, e in zip(steps, np.eye(len(x)), strict=True)])

@@ -176,7 +176,8 @@ class Compare(Study):
                                   progress=lambda q, i=i: progress((i + q)/len(asked)))
         self.runs = runs
         # without the states of the laws: each has its own
-        curves = {n: [c for c in panels(r, phase=True) if c.row != LAW]
+        several = len(runs) > 1
+        curves = {n: [c for c in panels(r, phase=True, compared=several) if c.row != LAW]
                   for n, r in runs.items() if len(r.t)}
         self._show(draw(curves), comparison_html(runs))
         lost = [f"{n} {why_diverged(r)}" for n, r in runs.items() if r.diverged_at is not None]

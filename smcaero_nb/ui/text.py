@@ -14,8 +14,9 @@ from typing import Any
 from ..core import BlockError, Param, ParameterError, Run
 from ..core.signal import flat
 
-__all__ = ["UNKNOWN", "doc_html", "doubts_text", "label", "measure", "plain", "result_html",
-           "said_html", "shown", "symbol", "unit_html", "unmarked", "why_diverged", "why_not"]
+__all__ = ["UNKNOWN", "alternative", "doc_html", "doubts_text", "label", "measure", "plain",
+           "result_html", "said_html", "shown", "symbol", "unit_html", "unmarked", "why_diverged",
+           "why_not"]
 
 LETTERS = dict(zip(
     "alpha beta gamma delta epsilon varepsilon zeta eta theta vartheta iota kappa lambda mu nu xi "
@@ -173,6 +174,17 @@ def measure(values: Any, factor: float, unit: str) -> str:
     values = [v*factor for v in values]
     said = ", ".join(f"{v:.0f}" if 1e3 <= abs(v) < 1e5 else f"{v:.3g}" for v in values)
     return said if unit == "1" else f"{said} {_raised(unit)}"
+
+
+def alternative(places: Any, runs: Any) -> str:
+    """Return what a figure of runs shows, in words, for those who do not see it."""
+    shown_here = {}
+    for (row, _), curves in places.items():
+        names = [unmarked(c.label + c.unit) for *_, c in curves if not c.reference and not c.filled]
+        shown_here.setdefault(unmarked(curves[0][2].abscissa), {}).update(
+            dict.fromkeys(names or [row]))
+    over = "; ".join(f"{', '.join(names)} over {x}" for x, names in shown_here.items())
+    return f"Curves of {over}" + f", for {', '.join(runs)}"*(len(runs) > 1) + "."
 
 
 def said_html(text: str, refused: bool) -> str:
