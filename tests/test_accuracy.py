@@ -35,6 +35,7 @@ def test_order_of_the_laws(law, r, order):
     assert len(found.names) == r and found.sizes.shape == (r, 5)
     assert found.explain().startswith(f"Sliding of order {order}: |sigma| ~ "
                                       f"tau^{found.slopes[0]:.2f}")
+    assert found.explain().endswith("; shown from this start and under this perturbation.")
 
 
 def test_several_inputs():

@@ -70,7 +70,7 @@ def examples():
         "r": 2, "L": 1.0, "n_d": 1, "t": T, "f": Y, "y": Y, "step_time": 0.5, "windows": (0.02,),
         "source": control.tf([1.0], [1.0, 2.0, 5.0]), "c": (1.0, 1.0), "settling_time": 8.0,
         "G0": ((2.0, 1.0), (0.0, 4.0)), "sys": control.tf([1.0], [1.0, 2.0]), "name": "rho",
-        "table": [(0, 100, 0.1)], "jit": False, "path": None,
+        "table": [(0, 100, 0.1)], "jit": False, "path": None, "nominal": smc.pid.pd,
         ("cite", "source"): loop,
         ("identify", "source"): smc.prd.Record(T, Y, 0.5), ("block", "f"): lambda sigma, k=1.0: k,
         ("landing", "run"): landed, ("pulses", "run"): landed,

@@ -67,7 +67,8 @@ class Accuracy:
         else:
             verdict = "no whole order of sliding fits"
         why = f" ({self.why})" if self.why else ""
-        return f"{verdict[0].upper()}{verdict[1:]}: {said}{why}."
+        shown = "; shown from this start and under this perturbation"*bool(self.order)
+        return f"{verdict[0].upper()}{verdict[1:]}: {said}{why}{shown}."
 
     def __str__(self) -> str:
         return self.explain()
@@ -109,6 +110,7 @@ def accuracy(loop: ClosedLoop, duration: float | None = None, dt: float | None =
 
     Notes
     -----
+    It shows the order from this start and under this perturbation; it does not prove it for others.
     The theory assumes exact arithmetic: at a high order, small steps reach the resolution of
     float64, and steps whose result is below it are left out. An actuator that the law does not
     know, noise, or a boundary layer hides the order: the slope is then near 0.

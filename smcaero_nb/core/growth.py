@@ -144,7 +144,7 @@ def _linearised(run: "Run") -> list[tuple[int, _Plant]]:
     """(row, plant) where it can be linearised: one of a linear plant, at most `ROWS` of another."""
     last, rate, plants = len(run.t) - 1, motion(run), []
     A = getattr(run.loop.stages["plant"], "A", None)
-    for k in range(ROWS if last else 0):
+    for k in range(ROWS if last > 0 else 0):
         i = last*k//(ROWS - 1)
         at = given(run, i)
         with np.errstate(all="ignore"):

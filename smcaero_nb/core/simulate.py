@@ -44,7 +44,7 @@ def timed(owner: str, loop: Any, duration: Any, dt: Any, tau: Any) -> tuple[Any,
 
 def simulate(loop: ClosedLoop, duration: float | None = None, dt: float | None = None,
              tau: float | None = None, *, method: str | None = None, record: int = 2000,
-             tail: float = 0.2, jit: bool = True,
+             since: float = 0.0, tail: float = 0.2, jit: bool = True,
              progress: Callable[[float], Any] | None = None) -> Run:
     r"""Run a closed loop: the controller acts every `tau`, the plant is integrated with `dt`.
 
@@ -60,6 +60,9 @@ def simulate(loop: ClosedLoop, duration: float | None = None, dt: float | None =
     record : int
         Approximate number of rows kept, at least 1; sums, maxima and variations use every step in
         any case.
+    since : float
+        Time of the first row [s]: a run that is repeated up to the end of a stretch, with the rows
+        of that stretch alone, shows it at full resolution.
     tail : float
         Fraction of the run, at its end, that the tail figures cover.
     jit : bool
@@ -103,6 +106,7 @@ def simulate(loop: ClosedLoop, duration: float | None = None, dt: float | None =
     m, n, lag = _steps(loop, duration, dt, tau)
     method = _method(loop, method)
     record = Param(low=1).check("simulate", "record", record, int)
+    since = Param(low=0.0, high=duration, unit="s").check("simulate", "since", since)
     tail = Param(low=0.0, high=1.0).check("simulate", "tail", tail)
     if min(record, n) > ROWS:
         raise refused("simulate", "record", record, f"at most {ROWS:g}, as there are {n:g} steps")
@@ -111,10 +115,11 @@ def simulate(loop: ClosedLoop, duration: float | None = None, dt: float | None =
 
         jit = not config.DISABLE_JIT  # pyright: ignore[reportAttributeAccessIssue]
     f, program = built(loop, method, m*dt, m, lag, jit)
-    every, k_tail = -(-n//record), n - round(n*tail)
-    rec = np.empty((-(-n//every) + 1, len(program.columns)))
+    first, k_tail = min(round(since/dt), n), n - round(n*tail)
+    every = max(-(-(n - first)//record), 1)
+    rec = np.empty((-(-(n - first)//every) + 1, len(program.columns)))
     rec, end, before, k, stopped, diverged = _driven(
-        f, program, loop, rec, dt, m, n, every, k_tail, 1000 if jit else 20, progress)
+        f, program, loop, rec, dt, m, n, every, first, k_tail, 1000 if jit else 20, progress)
     return result(loop, program, rec, end, before, k, k_tail, dt, m, method, stopped, diverged)
 
 
@@ -134,8 +139,9 @@ def _steps(loop: ClosedLoop, duration: float, dt: float, tau: float) -> tuple[in
     longest = max(tau, duration, loop.latency)
     if not longest/dt <= STEPS:
         raise ParameterError(f"simulate: dt = {dt:g} s is not allowed; {longest:g} s would take "
-                             f"{longest/dt:.3g} steps, and at most {STEPS:g} are taken (they last "
-                             "half an hour or so); give a larger dt or a shorter duration")
+                             f"{longest/dt:.3g} steps; at most {STEPS:g}, half an hour of "
+                             "computing or so, are allowed; give a larger dt or a shorter "
+                             "duration")
     m, n, lag = round(tau/dt), round(duration/dt), round(loop.latency/dt)
     if m < 1 or abs(m*dt - tau) > 1e-9*tau:
         raise ParameterError(f"simulate: tau = {tau:g} s is not allowed; it must be a multiple of "
@@ -160,7 +166,8 @@ def _steps(loop: ClosedLoop, duration: float, dt: float, tau: float) -> tuple[in
 
 
 def _driven(f: Callable, program: Program, loop: ClosedLoop, rec: np.ndarray, dt: float, m: int,
-            n: int, every: int, k_tail: int, chunk: int, progress: Callable | None) -> tuple:
+            n: int, every: int, row: int, k_tail: int, chunk: int,
+            progress: Callable | None) -> tuple:
     """Run a loop in chunks; return records, figures at the end and before the tail, and the end."""
     values = {q: v for q, (_, v, _) in loop.parameters().items()}
     P = np.array([*values.values(), *constants(program, loop, dt)], float)
@@ -169,7 +176,7 @@ def _driven(f: Callable, program: Program, loop: ClosedLoop, rec: np.ndarray, dt
     R, names = np.array(program.ring(values), float), [*program.state]
     peaks = [i for i, q in enumerate(program.state) if q.startswith("max_")]
     before = dict.fromkeys(names, 0.0)
-    k = sample = row = line = 0
+    k = sample = line = 0
     diverged, planned = False, n
     while k <= n and not diverged:
         stop = min(k + chunk, k_tail if k < k_tail else n + 1)

@@ -42,6 +42,11 @@ def order(owner, r, low, high):
     return relative_degree(owner, r, high, low)
 
 
+def relayed(values, a, omega):
+    """Describing function for relative degree 1, where all of these laws are the relay."""
+    return 4.0*values["alpha"]*values["L"]*values["lam"]/(math.pi*a)
+
+
 DOC = r"""{title}, relative degree {r}.
 
     .. math:: v = \alpha L \lambda^{r}\,\Psi(s_0, ...), \qquad
@@ -106,4 +111,6 @@ def law(name: str, r: int, psi: Callable, alpha: float, card: Law, said: str = "
                 return f"|xi| reaches {xi:.3g}, more than {what} = {factor*bound:.3g} [v]"
 
     sees = "derivatives" if r > 1 else "sigma"
-    return block(f, output=Param("v"), card=replace(card, order=r, r=r, sees=sees, assumes=assumed))
+    return block(f, output=Param("v"),
+                 card=replace(card, order=r, r=r, sees=sees, assumes=assumed,
+                              describing=relayed if r == 1 else card.describing))
