@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from .assumptions import degree, laws
 from .loop import ClosedLoop
 from .param import ParameterError, function, positive, refused, several
+from .perturbation import degree, laws
 from .run import Run
 from .signal import flat
 from .simulate import simulate, timed

@@ -1,0 +1,224 @@
+"""Whether a run slides: sigma at rest, the actuator within its limits, the gain settled."""
+
+import math
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from .card import Law
+from .leaves import at
+from .param import Param
+from .perturbation import degree, laws
+from .program import parts
+from .rows import evaluated, taken
+from .signal import flat
+
+if TYPE_CHECKING:
+    from .block import Block
+    from .run import Run
+
+__all__ = ["Motion", "at_limit", "gains", "growing", "motions", "rows_of", "slides", "tail_rows"]
+
+LAST = 0.2  # of the run: its tail, where `simulate` made none
+SAMPLES, ESTIMATED = (5.0, 2.0), (3.0, 3.0)  # see `reaching_time`
+FLOOR, ROUGH = 1e-9, 2e-3  # of the maximum |sigma|: that is zero; where it is estimated
+WRONG = 0.05  # of the maximum |sigma|: as much of what an estimate is wrong by is excused
+# |sigma| of each fifth of the run over that before it, if sigma still approaches zero; or, if it
+# does so steadily, what it falls by at least
+FALLS, SLOW = 0.9, 0.01
+STILL = 1e-3  # of |v|: a sigma' as small does not move sigma
+GROWS = 0.02  # of the gain: growth in the tail
+ROWS = 50  # at which the actuator and a band that changes are judged
+TINY = 1e-9
+
+
+class Motion(NamedTuple):
+    """How a sliding variable ends.
+
+    Attributes
+    ----------
+    size : ndarray
+        Greatest |sigma| since the row before, row by row.
+    tail, band : float
+        Greatest |sigma| of the tail, and that at which it counts as rest.
+    rests : bool
+        Whether it stays within the band throughout the tail.
+    approaches : bool
+        Whether it still falls.
+    crosses : bool
+        Whether it changes its sign in the tail.
+    still : bool
+        Whether it stands still in the tail, however large v is.
+    """
+
+    size: np.ndarray
+    tail: float
+    band: float
+    rests: bool
+    approaches: bool
+    crosses: bool
+    still: bool
+
+    def said(self, key: str) -> str:
+        """Return that it does not rest, in words."""
+        if self.still:
+            return (f"{key} stands still at {self.tail:.3g} while v pushes: the loop is latched, "
+                    "and the xi that is found is v itself")
+        tail = f"{self.tail:.3g}"
+        how = f"swings within {tail}" if self.crosses else f"is {tail} away from 0"
+        return (f"{key} does not come to rest: it {how}, where sliding would keep it within "
+                f"{self.band:.3g}")
+
+
+def slides(b: "Block | None") -> bool:
+    """Return whether a law may slide: its card, if it has one, is that of a sliding mode law."""
+    return b is not None and (b.card is None or isinstance(b.card, Law))
+
+
+def tail_rows(run: "Run") -> slice:
+    """The rows of the tail; of a run that ended before it, its last fifth."""
+    last = run.tail or LAST*run.t[-1]
+    first = int(np.searchsorted(run.t, run.t[-1] - last*(1.0 + TINY), "right"))
+    return slice(min(first, len(run.t) - 1), len(run.t))
+
+
+def motions(run: "Run") -> list[Motion]:
+    """Return how each sliding variable ends; `reaching_time` has the rule by which it rests."""
+    leaves = [q for q in run.leaves("sigma") if not q.derivative and len(run.t)]
+    blocks = _blocks(run, len(leaves))
+    return [_motion(run, q.path, *b) for q, b in zip(leaves, blocks, strict=True)]
+
+
+def _blocks(run: "Run", count: int) -> list[tuple]:
+    """(law, its sigma and v, xi) of each sliding variable; (None, ...) where there is none."""
+    if run.loop.stages["law"] is None:
+        return [(None, None, None, None)]*count
+    many = hasattr(run.loop.stages["law"], "parts")
+    xis = run.xi if many and run.xi is not None else [run.xi]*len(laws(run))
+    found = []
+    for (b, s, v, _), xi in zip(laws(run), xis, strict=True):
+        if isinstance(v, tuple) and len(v) == len(flat(s)):
+            rows = zip(flat(s), v, xi or [None]*len(v), strict=True)
+            found += [(b, one, w, x) for one, w, x in rows]
+        else:
+            found.append((b, s, v, xi))
+    return found if len(found) == count else [(None, None, None, None)]*count
+
+
+def _motion(run: "Run", path: tuple, b: Any, sigma: Any, v: Any, xi: Any) -> Motion:
+    low, high = at(run.low.sigma, path), at(run.high.sigma, path)
+    size, tail = np.maximum(np.abs(low), np.abs(high)), tail_rows(run)
+    t, last = run.t[tail], size[tail]
+    speed = _speed(run, path, tail, b, sigma, v, xi)
+    estimated = bool(run.loop.stages["differentiator"] or run.loop.stages["sensor"])
+    move = speed*_samples(run, path, b, sigma, v) + (ROUGH if estimated else FLOOR)*size.max()
+    if estimated and isinstance(sigma, np.ndarray) and (true := run.true_sigma) is not None:
+        wrong = float(np.abs(at(run.sigma, path) - at(true, path))[tail].max())
+        move += min(2.0*wrong, WRONG*size.max())
+    bands = np.full(len(t), move)
+    if b is not None and b.band:
+        some = rows_of(slice(0, len(t)))
+        own = np.array([b.band(q, b.values) for q in t[some].tolist()])
+        held = np.searchsorted(some, np.arange(len(t)), "right") - 1
+        bands = bands + b.card.within*own[held]
+    count = len(last)
+    blocks = [size[max(0, tail.start - i*count):tail.stop - i*count].max(initial=0.0)
+              for i in range(3)]
+    steps = blocks[1] - blocks[0], blocks[2] - blocks[1]
+    falls = (blocks[0] < FALLS*blocks[1] < FALLS*FALLS*blocks[2]
+             or steps[0] > max(SLOW*blocks[1], 0.5*steps[1]) and steps[1] > 0.0)
+    crosses = bool(low[tail].min() < 0.0 < high[tail].max())
+    push = 0.0 if v is None or isinstance(v, tuple) else float(np.abs(v[tail]).min())
+    return Motion(size, float(last.max()), float(bands.min()), bool((last <= bands).all()),
+                  falls, crosses, not crosses and speed <= STILL*push)
+
+
+def _speed(run: "Run", path: tuple, tail: slice, b: Any, sigma: Any, v: Any, xi: Any) -> float:
+    """Greatest |sigma'| of the tail."""
+    if isinstance(sigma, tuple) and len(sigma) > 1:
+        rate = (*path[:-1], path[-1] + 1)
+        return float(max(np.abs(at(q, rate)[tail]).max() for q in (run.low.sigma, run.high.sigma)))
+    if xi is not None:
+        rate = np.abs(xi - v)[tail]
+    else:
+        s = at(run.sigma, path)
+        rate = np.abs(np.diff(s, prepend=s[:1])/np.diff(run.t, prepend=-run.tau))[tail]
+    # a jump of the command is one row
+    return float(np.minimum(rate[1:], rate[:-1]).max() if len(rate) > 1 else rate.max())
+
+
+def _samples(run: "Run", path: tuple, b: Any, sigma: Any, v: Any) -> float:
+    """Time in which sigma may move away and come back [s]."""
+    p = (b.card.order if isinstance(getattr(b, "card", None), Law) else None) or (
+        1 if b is None else degree(b, sigma, v))
+    (count, base), n = SAMPLES, p - 1
+    if run.loop.stages["differentiator"]:
+        (count, base), e = ESTIMATED, run.e_hat
+        many = isinstance(e, tuple) and isinstance(e[0], tuple) and path
+        n = max(n, len(flat(e[path[0]] if many else e)) - 1)
+    return count*base**n*run.tau + run.loop.latency
+
+
+# ---- the gain, and the actuator ------------------------------------------------------------------
+def gains(run: "Run") -> list[tuple[str, np.ndarray | None]]:
+    """Return name and values, row by row, of the gain that each law adapts; None where none is."""
+    law = run.loop.stages["law"]
+    many, found = hasattr(law, "parts"), []
+    for name, b in (law.parts if many else {"": law}).items():
+        state = b.card.gain if isinstance(b.card, Law) else ""
+        z = getattr(run.z.law, name) if many else run.z.law
+        found.append((state, getattr(z, state) if state else None))
+    return found
+
+
+def growing(run: "Run", k: np.ndarray | None) -> bool:
+    """Whether a gain grows in the tail by 2 % or more, and is larger there than ever before."""
+    tail = tail_rows(run)
+    if k is None or tail.start < 3:
+        return False
+    return bool(k[-1] > (1.0 + GROWS)*k[tail.start - 1]
+                and k[tail].min() >= k[tail.start//2:tail.start].max() > 0.0)
+
+
+def at_limit(run: "Run", rows: Any) -> list[np.ndarray] | None:
+    """Return, for each input, at which of these rows it is at its limit; None where none is known.
+
+    It is where the actuator gives its minimum or maximum of the run, less than it is asked for, and
+    would not give more if it were asked for twice as much; an actuator with memory need not be
+    asked twice. Without an actuator, it is where u reaches a limit of its metadata.
+    """
+    given = [q[rows] for q in flat(run.u)]
+    if run.loop.stages["actuator"] is None:
+        metas = flat(run.loop.metadata("u") or ())
+        if not any(isinstance(m, Param) and (m.high < math.inf or m.low > -math.inf)
+                   for m in metas):
+            return None
+        return [(u >= m.high) | (u <= m.low) for u, m in zip(given, metas, strict=False)]
+    if run.loop.stages["allocation"]:
+        asked = evaluated(run, "allocation", {}, rows)
+    else:
+        asked = taken(run.v, rows)
+    twice = _doubled(run, asked, rows)
+    found = []
+    for i, (u, c) in enumerate(zip(given, flat(asked), strict=True)):
+        high, low = flat(run.high.u)[i].max(), flat(run.low.u)[i].min()
+        least = TINY*max(abs(high), abs(low))
+        beyond = (u >= high - least) & (c > u + least) | (u <= low + least) & (c < u - least)
+        found.append(beyond & (np.abs(twice[i] - u) <= least) if twice else beyond)
+    return found
+
+
+def _doubled(run: "Run", asked: Any, rows: Any) -> list[np.ndarray] | None:
+    """What an actuator gives if it is asked for twice as much; None where it has memory."""
+    if any(b.states for b in parts(run.loop.stages["actuator"])):
+        return None
+
+    def double(s):
+        return tuple(map(double, s)) if isinstance(s, tuple) else 2.0*s
+
+    return flat(evaluated(run, "actuator", {"u": double(asked)}, rows))
+
+
+def rows_of(rows: slice) -> np.ndarray:
+    """At most ROWS of some rows, evenly spaced."""
+    return np.unique(np.linspace(rows.start, rows.stop - 1, ROWS).astype(int))
