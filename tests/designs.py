@@ -1,14 +1,17 @@
 """Seeded designs that meet what the laws' theorems ask for: no run of one may raise a doubt.
 
-``python tests/designs.py [count]`` runs 200 of them, or as many as are asked for.
+``python tests/designs.py [count]`` runs every law at three steps, and 200 designs, or as many as are
+asked for.
 """
 
+import math
 import sys
 
 import numpy as np
 
 from smcaero_nb import block, differentiators, hosmc, simulate, smc1, smc2
 from smcaero_nb.applications import double_integrator, perturbed_chain
+from smcaero_nb.core import reaching_time
 from smcaero_nb.hosmc.nested import LEAST as NESTED
 from smcaero_nb.hosmc.quasi_continuous import LEAST
 
@@ -61,7 +64,8 @@ DESIGNS = [
 SURFACED = [q for q in DESIGNS if q[1] == 1 and q[0].r is None]  # on e' + 2.5 e
 
 #: More than the error of the estimate, for adaptive laws behind a differentiator.
-ACCEPTED = dict(adaptive_smc=dict(law__delta=0.3), adaptive_super_twisting=dict(law__mu=0.1))
+ACCEPTED = dict(adaptive_smc=dict(law__delta=0.3), adaptive_quasi_smc=dict(law__delta=0.3),
+                adaptive_super_twisting=dict(law__mu=0.1))
 
 
 def estimated(law, r):
@@ -101,16 +105,38 @@ def design(rng, law, r, gains, loop):
                       perturbation__omega=w)
 
 
-def doubtful(count, seed=3, kinds=BASES):
+def doubtful(count, seed=3, kinds=BASES, **how):
     """(loop, doubts) of the designs among `count` that raise one."""
     rng = np.random.default_rng(seed)
-    runs = ((loop := design(rng, *kinds[i % len(kinds)]), simulate(loop, record=1000))
+    runs = ((loop := design(rng, *kinds[i % len(kinds)]), simulate(loop, record=1000, **how))
             for i in range(count))
     return [(loop, said) for loop, run in runs if (said := run.doubts())]
 
 
+def settled(law, r, tau, **how):
+    """Runs of a law on its chain, with and without perturbation."""
+    loop = perturbed_chain(law, r)
+    return [simulate(loop.with_(perturbation__xi_1=xi), dt=tau, tau=tau, **how)
+            for xi in (0.8, 0.0)]
+
+
+def judged(law, run):
+    """Assert that a run slides; adaptive laws that accept too little for their step do not."""
+    time, = reaching_time(run)
+    if law.name in ("adaptive_smc", "adaptive_super_twisting",
+                    "adaptive_twisting") and run.tau == 1e-2:
+        assert time == math.inf and "still grows" in run.doubts()[0], law
+    else:
+        assert 0.0 < time < 0.7*run.t[-1] and run.doubts() == [], (law, run.tau, time)
+
+
 if __name__ == "__main__":
     asked = int(sys.argv[1]) if len(sys.argv) > 1 else 200
+    for b, degree, _ in DESIGNS:
+        for step in (1e-2, 1e-3, 1e-4):
+            for done in settled(b, degree, step):
+                judged(b, done)
+    print(f"{len(DESIGNS)} laws slide at every step")
     wrong = doubtful(asked)
     for loop, said in wrong:
         print(loop, *said, "", sep="\n")

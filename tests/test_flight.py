@@ -195,13 +195,14 @@ def test_a_start_beyond_the_limits_is_said(picture):
 
 
 def test_tail_figures_of_a_flight_that_ended_before_its_tail_are_unknown():
-    """Not the greatest values of the whole flight, and not a reaching time of 0."""
+    """Not the greatest values of the whole flight; a reaching time is that of its own last fifth."""
     run = simulate(rpl.loop("adaptive_smc", "paper"))
     m = run.metrics()
     assert run.stopped_at < 100.0 and run.tail == 0.0
-    assert np.isnan([*m.tail_e, *m.tail_sigma, *m.reaching_time, *m.variation_u]).all()
+    assert np.isnan([*m.tail_e, *m.tail_sigma, *m.variation_u]).all()
     assert np.isfinite([*m.J_e, *m.max_u]).all()
-    assert "reaching time" not in smc.ui.curves.metrics_html(run)
+    assert m.reaching_time == (math.inf, math.inf)
+    assert "reaching time <b>not reached, not reached</b>" in smc.ui.curves.metrics_html(run)
     assert "tail" not in smc.ui.curves.metrics_html(run)
     assert "–" in comparison_html({"paper": run})
     assert smc.core.reaching_time(run, 1e9) == [0.0, 0.0]

@@ -9,7 +9,7 @@ from .block import Block
 from .card import Law
 from .param import switch, texted
 from .perturbation import UNFIT, laws, slope
-from .sliding import at_limit, gains, growing, rows_of, tail_rows
+from .sliding import at_limit, backwards, gains, growing, rows_of, tail_rows
 
 if TYPE_CHECKING:
     from .run import Run
@@ -80,7 +80,7 @@ def doubts(run: "Run") -> list[str]:
     no xi can be found, the reason is said.
 
     sigma does not come to rest where it leaves the band of `reaching_time` in the tail and does not
-    fall from each fifth of the run to the next, by a tenth or as steadily as before. The loop is
+    fall from each tenth of the run to the next, at last by a tenth or as steadily as before. The loop is
     latched where sigma then moves at less than a thousandth of |v|. A gain still grows if it is
     2 % larger at the end than at the beginning of the tail, and was never as large before. The
     actuator is at its limit where it gives its minimum or maximum of the run, less than it is asked
@@ -131,18 +131,21 @@ def _moving(run: "Run") -> list[str]:
     if run.loop.stages["law"] is None:
         return [""]
     blocks = [q[0] for q in laws(run)]
-    if len(run.t) < 12 or run.diverged_at is not None:
+    if len(run.t) < 12:
         return [""]*len(blocks)
     leaves, found = [q for q in run.leaves("sigma") if not q.derivative], run._motions
     said = []
     for i, (b, (symbol, k), xi) in enumerate(
             zip(blocks, gains(run), _each(run, run.xi), strict=True)):
         mine = [i] if len(found) == len(blocks) else range(len(found))
-        lost = [found[j].said(leaves[j].key) for j in mine if isinstance(b.card, Law)
+        ways = [found[j].said(leaves[j].key) for j in mine if isinstance(b.card, Law)
                 and not found[j].rests and not found[j].approaches]
+        lost = ways if run.diverged_at is None else []
         adapts = b.card.adapts if isinstance(b.card, Law) else None
         if lost and adapts and xi is not None and (why := _outrun(run, b, adapts, xi, i)):
             lost.append(why)
+        if any(not found[j].crosses for j in mine) and ways and backwards(run):
+            lost.append("more of v moves sigma up, not down: the gain has the wrong sign")
         if k is not None and growing(run, k):
             first = k[tail_rows(run).start - 1]
             lost.append(f"{symbol} still grows at the end: {k[-1]:.3g}, "

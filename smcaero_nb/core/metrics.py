@@ -167,7 +167,8 @@ def reaching_time(run: "Run", band: float | None = None) -> list[float | None]:
       what the estimate of a sliding variable is wrong by, at most 5 %;
 
     and if the gain that an adaptive law adapts does not still grow. The reaching time is then that
-    after which \|sigma\| stays within twice its tail value. So neither a sigma that stands still,
+    after which \|sigma\| stays within this sum, of a sigmoid or tanh with eps, of an adaptive law
+    with mu; or within twice its tail value, if that is more. So neither a sigma that stands still,
     nor one that grows, nor a limit cycle of many samples, counts as sliding.
 
     The tail is that of the run, or the last fifth of a run that ended before it. Measured on all
@@ -200,7 +201,7 @@ def _rested(run: "Run") -> list[float | None]:
         b, more = (parts[i], grows[i]) if many else (parts[0], any(grows))
         lost = more or not motion.rests
         times.append(None if not slides(b) else math.inf if lost
-                     else _entered(run, motion.size, 2*motion.tail))
+                     else _entered(run, motion.size, motion.near))
     return times
 
 

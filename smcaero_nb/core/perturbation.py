@@ -16,7 +16,7 @@ __all__ = ["UNFIT", "degree", "laws", "perturbation", "slope", "true_sigma"]
 
 SIDE = 200  # 1/SIDE of the rows on either side of one count where derivatives are estimated
 UNFIT = "v does not match sigma"
-SURE = 10.0  # standard deviations of an estimated xi
+SURE = 6.0  # standard deviations of an estimated xi
 MOST = 6  # differences that sigma may be made of, and one
 JUMP = 8.0  # times as far as its neighbours, and a step is a jump of the command
 
@@ -133,8 +133,10 @@ def _sloped(run: "Run", r: int, s: np.ndarray, v: np.ndarray,
             best = total
         pushed = np.convolve(np.pad(pushed, 1, "edge"), (0.25, 0.5, 0.25), "valid")
     total, times = np.append(0.0, np.cumsum(best)), max(1.0, r/2)
-    side, half = _side(len(total) - 1, times), len(total)//2
-    ripple = total[half + 1:-1] - 0.5*(total[half:-2] + total[half + 2:])
+    side, late = _side(len(total) - 1, times), total[len(total)//2:-1]
+    width = min(2*side + 1, len(late))
+    around = np.convolve(late, np.full(width, 1.0/width), "valid")
+    ripple = late[width//2:width//2 + len(around)] - around
     step = (run.t[-2] - run.t[0])/(len(total) - 2)
     return slope(run.t, total, times), SURE*float(ripple.std())/(step*(2/3*side**3)**0.5)
 

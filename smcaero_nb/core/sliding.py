@@ -17,15 +17,17 @@ if TYPE_CHECKING:
     from .block import Block
     from .run import Run
 
-__all__ = ["Motion", "at_limit", "gains", "growing", "motions", "rows_of", "slides", "tail_rows"]
+__all__ = ["Motion", "at_limit", "backwards", "gains", "growing", "motions", "rows_of",
+           "slides", "tail_rows"]
 
 LAST = 0.2  # of the run: its tail, where `simulate` made none
 SAMPLES, ESTIMATED = (5.0, 2.0), (3.0, 3.0)  # see `reaching_time`
 FLOOR, ROUGH = 1e-9, 2e-3  # of the maximum |sigma|: that is zero; where it is estimated
 WRONG = 0.05  # of the maximum |sigma|: as much of what an estimate is wrong by is excused
-# |sigma| of each fifth of the run over that before it, if sigma still approaches zero; or, if it
-# does so steadily, what it falls by at least
-FALLS, SLOW = 0.9, 0.01
+# A sigma that still approaches zero falls by SLOW at least from part to part of the second half,
+# and at last to FALLS, or as steadily as before.
+PARTS, FALLS, SLOW = 5, 0.9, 0.005
+LEAD = 20  # samples in which a plant shows which way it is pushed
 STILL = 1e-3  # of |v|: a sigma' as small does not move sigma
 GROWS = 0.02  # of the gain: growth in the tail
 ROWS = 50  # at which the actuator and a band that changes are judged
@@ -41,6 +43,9 @@ class Motion(NamedTuple):
         Greatest |sigma| since the row before, row by row.
     tail, band : float
         Greatest |sigma| of the tail, and that at which it counts as rest.
+    near : float
+        |sigma| from which on it is there: the band that the law accepts and what sampling allows,
+        or twice the tail.
     rests : bool
         Whether it stays within the band throughout the tail.
     approaches : bool
@@ -54,6 +59,7 @@ class Motion(NamedTuple):
     size: np.ndarray
     tail: float
     band: float
+    near: float
     rests: bool
     approaches: bool
     crosses: bool
@@ -115,22 +121,25 @@ def _motion(run: "Run", path: tuple, b: Any, sigma: Any, v: Any, xi: Any) -> Mot
     if estimated and isinstance(sigma, np.ndarray) and (true := run.true_sigma) is not None:
         wrong = float(np.abs(at(run.sigma, path) - at(true, path))[tail].max())
         move += min(2.0*wrong, WRONG*size.max())
-    bands = np.full(len(t), move)
+    bands, near = np.full(len(t), move), move
     if b is not None and b.band:
         some = rows_of(slice(0, len(t)))
         own = np.array([b.band(q, b.values) for q in t[some].tolist()])
         held = np.searchsorted(some, np.arange(len(t)), "right") - 1
-        bands = bands + b.card.within*own[held]
-    count = len(last)
-    blocks = [size[max(0, tail.start - i*count):tail.stop - i*count].max(initial=0.0)
-              for i in range(3)]
-    steps = blocks[1] - blocks[0], blocks[2] - blocks[1]
-    falls = (blocks[0] < FALLS*blocks[1] < FALLS*FALLS*blocks[2]
-             or steps[0] > max(SLOW*blocks[1], 0.5*steps[1]) and steps[1] > 0.0)
+        bands, near = bands + b.card.within*own[held], move + own[-1]
     crosses = bool(low[tail].min() < 0.0 < high[tail].max())
     push = 0.0 if v is None or isinstance(v, tuple) else float(np.abs(v[tail]).min())
-    return Motion(size, float(last.max()), float(bands.min()), bool((last <= bands).all()),
-                  falls, crosses, not crosses and speed <= STILL*push)
+    return Motion(size, float(last.max()), float(bands.min()),
+                  max(2.0*float(last.max()), float(near)), bool((last <= bands).all()),
+                  _falls(size), crosses, not crosses and speed <= STILL*push)
+
+
+def _falls(size: np.ndarray) -> bool:
+    """Whether sigma still approaches zero, in five parts of the second half of a run."""
+    parts = [q.max() for q in np.array_split(size[len(size)//2:], PARTS) if len(q)]
+    steps = -np.diff(parts)
+    return bool(len(parts) == PARTS and (steps > SLOW*np.array(parts[:-1])).all()
+                and (parts[-1] < FALLS*parts[-2] or steps[-1] > 0.5*steps.mean()))
 
 
 def _speed(run: "Run", path: tuple, tail: slice, b: Any, sigma: Any, v: Any, xi: Any) -> float:
@@ -143,8 +152,7 @@ def _speed(run: "Run", path: tuple, tail: slice, b: Any, sigma: Any, v: Any, xi:
     else:
         s = at(run.sigma, path)
         rate = np.abs(np.diff(s, prepend=s[:1])/np.diff(run.t, prepend=-run.tau))[tail]
-    # a jump of the command is one row
-    return float(np.minimum(rate[1:], rate[:-1]).max() if len(rate) > 1 else rate.max())
+    return float(np.sort(rate)[-min(3, len(rate))])  # a jump of the command is one row
 
 
 def _samples(run: "Run", path: tuple, b: Any, sigma: Any, v: Any) -> float:
@@ -157,6 +165,35 @@ def _samples(run: "Run", path: tuple, b: Any, sigma: Any, v: Any) -> float:
         many = isinstance(e, tuple) and isinstance(e[0], tuple) and path
         n = max(n, len(flat(e[path[0]] if many else e)) - 1)
     return count*base**n*run.tau + run.loop.latency
+
+
+def backwards(run: "Run") -> bool:
+    """Whether more of v moves the error up: then the gain of the plant has the other sign.
+
+    The plant is led on from the last row, without and with a little more of v; known of loops with
+    one input.
+    """
+    plant, output = run.loop.stages["plant"], run.loop.stages["output"]
+    if isinstance(run.u, tuple) or isinstance(run.v, tuple):
+        return False
+    x, d = (taken(q, -1) for q in (tuple(vars(run.x).values()), run.d))
+    u, v, last = float(run.u[-1]), run.v[-1:], slice(len(run.t) - 1, None)
+    more = max(1e-3, 1e-3*abs(float(v[0])))
+    if run.loop.stages["allocation"]:
+        a, b = (evaluated(run, "allocation", {"v": q}, last)[0] for q in (v, v + more))
+        more = float(b - a)
+    p, moved = run.loop.p, []
+    for force in (u, u + more):
+        z = x
+        for k in range(LEAD):
+            t = float(run.t[-1]) + k*run.tau
+            have = {"t": t, "x": z, "u": force, "d": d}
+            rates = plant.f(*(have[n] for n in plant.signals), *p["plant"])
+            z = tuple(q + run.tau*w for q, w in zip(z, rates, strict=True))
+        have = {"t": float(run.t[-1]), "x": z, "u": force, "d": d}
+        moved.append(flat(output.f(*(have[n] for n in output.signals), *p["output"])
+                          if output else z)[0])
+    return bool(moved[1] < moved[0])
 
 
 # ---- the gain, and the actuator ------------------------------------------------------------------
