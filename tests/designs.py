@@ -1,7 +1,7 @@
 """Seeded designs that meet what the laws' theorems ask for: no run of one may raise a doubt.
 
-``python tests/designs.py [count]`` runs every law at three steps, and 200 designs, or as many as are
-asked for.
+``python tests/designs.py [count]`` runs every law at three steps, and 200 designs, or as many as
+are asked for.
 """
 
 import math

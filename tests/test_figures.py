@@ -227,7 +227,8 @@ def test_runs_and_figures():
     assert u.y.max() == np.float32(run.high.u.max())
     assert [t.meta for t in one.data] == [t.meta for t in named_one.data]
     mine = go.Figure(go.Scatter(x=[1.0, 2.0], y=[3.0, 4.0]), dict(title_text="mine"))
-    assert plot(mine) == mine and plot(mine) is not mine
+    assert plot(mine).data == mine.data and plot(mine).layout.title == mine.layout.title
+    assert plot(mine) is not mine
 
 
 @pytest.mark.parametrize("wrong", [None, 3.0, "run", [1, 2], {"a": 3.0}, {"a": trial()()}, trial(),

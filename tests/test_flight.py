@@ -54,9 +54,10 @@ def test_every_pulse_is_drawn(picture, run):
         u = curves[f"u[{i}]"]
         # held till the next point
         np.testing.assert_allclose(u.y[np.searchsorted(u.x, run.t + 1e-3) - 1], run.u[i], rtol=1e-6)
-        assert u.held and picture.curves[f"u[{i}]"].held and len(u.x) < 0.6*len(run.t)
-    assert {t.meta: t.line.shape for t in plot(run).data}["u[0]"] == "hv"
-    assert not any(c.held for c in panels(simulate(rpl.loop(), record=1000)))
+        assert u.held and picture.curves[f"u[{i}]"].held and len(u.x) < 0.75*len(run.t)
+        assert np.all((np.diff(u.x) == 0.0) | (np.diff(u.y) == 0.0))  # level, or upright
+    coarse = panels(simulate(rpl.loop(), record=1000))
+    assert not any(c.held for c in coarse if not c.filled)
 
 
 def test_sigma_is_drawn_with_its_dead_band(run):
@@ -88,7 +89,7 @@ def test_the_lander_is_where_and_how_the_run_says(run):
         film.show(t)
         k = np.searchsorted(run.t, t - 1e-9)
         seen = shapes(film)
-        assert seen["ground"][0, 1] == pytest.approx(max(-2.4 - run.x.altitude[k], -13.0))
+        assert seen["ground"][0, 1] == pytest.approx(max(-2.4 - run.x.altitude[k], -26.0))
         across = seen["body"][1] - seen["body"][0]  # along the floor of the body
         angle = math.atan2(across[1], across[0])
         assert angle == pytest.approx(run.x.theta[k] - math.pi/2, abs=1e-9)
@@ -135,6 +136,35 @@ def test_play_and_slider_are_one(run):
     assert film._play.value == 247
     film._speed.value = 40
     assert film._play.step == 40
+
+
+@pytest.mark.parametrize("step", [2, 10, 40])
+def test_play_ends_at_touchdown_at_any_speed(run, step):
+    """The page adds `step` while the sum is at most `max`, whatever is left over."""
+    film = flight(run)
+    film._speed.value = step
+    while film._play.value + film._play.step <= film._play.max:
+        film._play.value += film._play.step
+    assert film.t == film.slider.max and film.t - run.stopped_at < 0.05
+    assert f"t = {run.t[-1]:.2f} s" in film.said and "touchdown" in film.said
+    film.show(run.t[-1] - 0.1)
+    assert "touchdown" not in film.said
+
+
+def test_ground_and_lander_are_on_the_altitude_scale(run):
+    """It shows the ground and the lander at any height, and so does the view at touchdown."""
+    film, tops = flight(run), set()
+    for t in np.linspace(0.0, run.t[-1], 60):
+        film.show(t)
+        layout = film._picture.curves.drawing["layout"]
+        bottom, top = layout["yaxis5"]["range"]
+        height = run.x.altitude[np.searchsorted(run.t, film.t + 1e-9) - 1]
+        assert film.figure.data[6].y == (height,)
+        assert bottom < 0.0 < top and height < 0.92*top and (height > 0.3*top or top == 10.0)
+        tops.add(top)
+    assert tops >= {10000.0, 1000.0, 100.0, 10.0}
+    window = film._picture.curves.drawing["layout"]["yaxis2"]["range"]
+    assert window[0] < -2.4 < window[1]  # the ground, at touchdown
 
 
 @pytest.mark.parametrize("source", [1.0, rpl.loop()])
@@ -186,7 +216,9 @@ def test_a_start_beyond_the_limits_is_said(picture):
     assert alone.run is None
     assert flight(alone).figure.data == () and not plot(simulate(far)).data[0].x.size
     both.wait()
-    assert both.status == "far diverged at 0 s: the start is beyond the limits of the plant"
+    first, second = both.status.split("\n")
+    assert first == "far diverged at 0 s: the start is beyond the limits of the plant"
+    assert second.startswith("near: u[1] is at the limit of the actuator for")
     assert both.figure.data
     with pytest.raises(ParameterError, match="flight: the run is not allowed; it must have rows"):
         flight(simulate(far))
@@ -195,7 +227,7 @@ def test_a_start_beyond_the_limits_is_said(picture):
 
 
 def test_tail_figures_of_a_flight_that_ended_before_its_tail_are_unknown():
-    """Not the greatest values of the whole flight; a reaching time is that of its own last fifth."""
+    """Not the greatest values of the flight; whether sigma rests, its own last fifth says."""
     run = simulate(rpl.loop("adaptive_smc", "paper"))
     m = run.metrics()
     assert run.stopped_at < 100.0 and run.tail == 0.0

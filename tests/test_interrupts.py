@@ -115,6 +115,7 @@ def settle(p):
 
 def agree(p, page):
     """Mask, loop, picture and page say the same."""
+    assert p.job.layout.visibility == "hidden"
     m, values = p.mask, {n: v for n, (_, v, _) in p.loop.settable().items()}
     assert m.values == {n: values[n] for n in m.widgets} and p.loop is m.offered[m.choice.value]
     assert set(m.widgets) == set(values) and list(m._body.children) == m._forms[m.choice.value][-1]
@@ -126,16 +127,21 @@ def agree(p, page):
             assert page.get(q.comm.comm_id, {}).get("value", q.value) == q.value, n
     index = page.get(m.choice.comm.comm_id, {}).get("index", m.choice.index)
     assert m.choice.options[index] == m.choice.value
+    gone = p._picture.curves.state == "gone"  # cancelled before the loop chosen had curves
+    kept = "; the curves are those of the last good setting"
     if p.status:
-        assert p.status == "Cancelled; the curves are those of the last good setting."
+        assert p.status == f"Cancelled{'' if gone else kept}."
     else:
         assert p.run.loop is p.loop
+    if gone:
+        assert p.status and p.curves == {} and p._side.layout.visibility == "hidden"
+        return
+    assert p._picture.curves.state == "old"*(p.status != "")
     for c in panels(p.run):
         np.testing.assert_array_equal(p.curves[c.key].y, c.y)
     drawn = [np.frombuffer(q, np.float32) for q in p._picture.curves.y]
     for a, c in zip(drawn, p.curves.values(), strict=True):
         np.testing.assert_array_equal(a, c.y)
-    assert p.job.layout.visibility == "hidden"
 
 
 def drag(w, v, page):

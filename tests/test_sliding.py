@@ -13,8 +13,13 @@ from smcaero_nb.differentiators import differentiator
 from smcaero_nb.smc2 import gains
 
 
+def named(q):
+    """The name of a law in that of its test."""
+    return getattr(q, "name", q)
+
+
 # ---- laws that slide -----------------------------------------------------------------------------
-@pytest.mark.parametrize(("law", "r"), [q[:2] for q in DESIGNS], ids=lambda q: getattr(q, "name", q))
+@pytest.mark.parametrize(("law", "r"), [q[:2] for q in DESIGNS], ids=named)
 def test_every_law_reaches_sliding_at_every_step_with_and_without_perturbation(law, r):
     """Some adaptive laws accept less than what sampling every 10 ms makes of sigma: their gains
     grow for ever there."""
@@ -25,7 +30,7 @@ def test_every_law_reaches_sliding_at_every_step_with_and_without_perturbation(l
 
 @pytest.mark.parametrize(("law", "r"), [
     (smc1.sign_smc, 1), (smc2.super_twisting, 1), (hosmc.nested(3), 3)],
-    ids=lambda q: getattr(q, "name", q))
+    ids=named)
 def test_and_at_small_steps(law, r):
     for tau in (1e-3, 1e-4):
         for run in settled(law, r, tau):
@@ -137,32 +142,32 @@ def lost(loop, *words):
         assert word in said, said
 
 
-@pytest.mark.parametrize("law", RELAYS, ids=lambda b: b.name)
+@pytest.mark.parametrize("law", RELAYS, ids=named)
 def test_a_constant_sigma_is_not_sliding(law):
     lost(first(law, perturbation=push), "stands still", "latched")
 
 
-@pytest.mark.parametrize("law", RELAYS, ids=lambda b: b.name)
+@pytest.mark.parametrize("law", RELAYS, ids=named)
 def test_a_growing_sigma_is_not_sliding(law):
     lost(first(law, perturbation=push).with_(plant__a=0.0), "more than", "does not come to rest")
 
 
-@pytest.mark.parametrize("law", (*RELAYS[:3], *GROWING, smc2.super_twisting), ids=lambda b: b.name)
+@pytest.mark.parametrize("law", (*RELAYS[:3], *GROWING, smc2.super_twisting), ids=named)
 def test_an_actuator_at_its_limit_is_named(law):
     lost(first(law, actuator=limited), "u is at the limit of the actuator for 100 % of the tail")
 
 
-@pytest.mark.parametrize("law", (*RELAYS[:2], *GROWING, smc2.super_twisting), ids=lambda b: b.name)
+@pytest.mark.parametrize("law", (*RELAYS[:2], *GROWING, smc2.super_twisting), ids=named)
 def test_the_wrong_sign_of_the_gain_is_named(law):
     lost(first(law).with_(plant__b=-1.0, plant__a=0.1), "the gain has the wrong sign")
 
 
-@pytest.mark.parametrize("law", GROWING, ids=lambda b: b.name)
+@pytest.mark.parametrize("law", GROWING, ids=named)
 def test_a_gain_that_grows_for_ever_is_named(law):
     lost(first(law, actuator=limited), "still grows at the end")
 
 
-@pytest.mark.parametrize("law", (smc1.adaptive_smc, smc1.adaptive_quasi_smc), ids=lambda b: b.name)
+@pytest.mark.parametrize("law", (smc1.adaptive_smc, smc1.adaptive_quasi_smc), ids=named)
 def test_a_gain_that_noise_drives_is_named(law):
     """rho' = gamma |sigma| where |sigma| > delta: noise larger than delta drives it for ever."""
     @block
@@ -178,7 +183,7 @@ def test_a_gain_that_noise_drives_is_named(law):
 @pytest.mark.parametrize(("law", "T"), [
     (hosmc.quasi_continuous(2), 0.1), (hosmc.quasi_continuous(2, "levant2005"), 0.2),
     (hosmc.nested(2), 0.1), (hosmc.nested(2), 0.3), (hosmc.quasi_continuous(2).with_(L=3.0), 0.2)],
-    ids=lambda q: getattr(q, "name", q))
+    ids=named)
 def test_a_limit_cycle_behind_a_slow_actuator_is_not_sliding(law, T):
     lost(second(law, actuator=slow.with_(T=T)), "swings within")
 
@@ -225,7 +230,7 @@ def test_a_run_that_still_approaches_has_not_reached_but_raises_no_doubt():
     (hosmc.quasi_continuous(3, "levant2005"), 3, 7.0, "less than 9,"),
     (hosmc.nested(3), 3, 4.0, "less than 5,"), (hosmc.nested(4), 4, 10.0, "less than 13,"),
     (hosmc.nested(2), 2, 1.5, "alpha > 1 + b^2/2"), (hosmc.nested(2), 2, 1.2, "alpha > 1 + b^2/2")],
-    ids=lambda q: getattr(q, "name", q))
+    ids=named)
 def test_a_gain_that_did_not_settle_in_every_trial_is_named(law, r, alpha, word):
     run = simulate(perturbed_chain(law, r).with_(law__alpha=alpha, perturbation__xi_1=0.3), 5.0,
                    2e-3, 2e-3, jit=False)
@@ -240,7 +245,7 @@ def worst(t, x, size=1.0, last=1.0):
 
 
 @pytest.mark.parametrize(("law", "low", "least"), [
-    (hosmc.quasi_continuous(2), 1.2, 2.0), (hosmc.nested(2), 1.1, 1.6)], ids=lambda q: getattr(q, "name", q))
+    (hosmc.quasi_continuous(2), 1.2, 2.0), (hosmc.nested(2), 1.1, 1.6)], ids=named)
 def test_below_it_some_trial_does_not_settle_and_above_it_all_do(law, low, least):
     base = perturbed_chain(law, 2).with_(perturbation=worst)
     rng = np.random.default_rng(5)
@@ -298,7 +303,7 @@ def alone(x):
 @pytest.mark.parametrize(("law", "r", "off"), [
     (hosmc.quasi_continuous(2), 2, 0.05), (hosmc.nested(2), 2, 0.05),
     (hosmc.quasi_continuous(3), 3, 0.06), (hosmc.nested(3), 3, 0.07),
-    (hosmc.quasi_continuous(4), 4, 0.12)], ids=lambda q: getattr(q, "name", q))
+    (hosmc.quasi_continuous(4), 4, 0.12)], ids=named)
 def test_in_output_feedback_xi_is_the_perturbation_and_not_the_chatter_of_the_estimate(law, r, off):
     loop = perturbed_chain(law, r).with_(
         output=alone, differentiator=differentiator(r - 1).with_(L=1.0 + law.values["alpha"]))
@@ -339,15 +344,11 @@ def test_the_surface_of_the_true_error_is_found_row_by_row_where_it_branches():
 
     loop = double_integrator("quasi_smc").with_(
         surface=bent, output=place, differentiator=differentiator(1).with_(L=20.0))
-    run, plain = (simulate(q, dt=1e-3, jit=False) for q in (loop, loop.with_(differentiator=None, output=both_of)))
+    measured = loop.with_(differentiator=None, output=both)
+    run, plain = (simulate(q, dt=1e-3, jit=False) for q in (loop, measured))
     half = slice(len(run.t)//2, -40)
     assert run.xi[half] == pytest.approx(plain.xi[half], abs=0.05)
     assert run.true_sigma[half] == pytest.approx(plain.sigma[half], abs=0.02)
-
-
-@block
-def both_of(x):
-    return x[0], x[1]
 
 
 def test_without_xi_the_reason_is_said():

@@ -7,9 +7,11 @@ import numpy as np
 
 from .block import Block
 from .card import Law
+from .growth import step_doubts
 from .param import switch, texted
 from .perturbation import UNFIT, laws, slope
 from .sliding import at_limit, backwards, gains, growing, rows_of, tail_rows
+from .zeros import zero_doubts
 
 if TYPE_CHECKING:
     from .run import Run
@@ -80,9 +82,9 @@ def doubts(run: "Run") -> list[str]:
     no xi can be found, the reason is said.
 
     sigma does not come to rest where it leaves the band of `reaching_time` in the tail and does not
-    fall from each tenth of the run to the next, at last by a tenth or as steadily as before. The loop is
-    latched where sigma then moves at less than a thousandth of |v|. A gain still grows if it is
-    2 % larger at the end than at the beginning of the tail, and was never as large before. The
+    fall from each tenth of the run to the next, at last by a tenth or as steadily as before. The
+    loop is latched where sigma then moves at less than a thousandth of |v|. A gain still grows if
+    it is 2 % larger at the end than at the beginning of the tail, and was never as large before. The
     actuator is at its limit where it gives its minimum or maximum of the run, less than it is asked
     for, and would not give more if it were asked for twice as much; without an actuator, where u
     reaches a bound of its metadata: at 5 % of 50 rows of the tail, or more.
@@ -90,7 +92,7 @@ def doubts(run: "Run") -> list[str]:
     names = [f"{n}: " for n in getattr(run.loop.stages["law"], "parts", ())] or [""]
     of_laws = ("; ".join(filter(None, q)) for q in zip(_assumed(run), _moving(run), strict=True))
     said = [name + q for name, q in zip(names, of_laws, strict=True) if q]
-    return [*_allocated(run), *said, *_limited(run)]
+    return [*step_doubts(run), *zero_doubts(run), *_allocated(run), *said, *_limited(run)]
 
 
 def _allocated(run: "Run") -> list[str]:
@@ -166,7 +168,7 @@ def _outrun(run: "Run", b: Block, adapts: Callable, xi: Any, i: int) -> str | No
     if isinstance(xi, tuple):
         xi = np.sqrt(np.square(xi).sum(axis=0))
     z = getattr(run.z.law, [*law.parts][i]) if hasattr(law, "parts") else run.z.law
-    left = {n: float(getattr(z, n)[-1]) for n in b.states}
+    left = {n: float(q[-1]) for n, q in vars(z).items() if isinstance(q, np.ndarray)}
     once = slope(run.t, xi)
     twice = slope(run.t, once)
     return adapts(b.values | left, np.abs(once[half:]).max(), np.abs(twice[half:]).max())

@@ -93,7 +93,11 @@ def _averaged(run: "Run") -> Any:
 # ---- estimates -----------------------------------------------------------------------------------
 def slope(t: np.ndarray, q: np.ndarray, times: float = 1.0) -> np.ndarray:
     """Return the slope of a recorded quantity, fitted to the rows around each; held at the ends."""
-    n = len(t) - 1  # the last row may come early
+    steps = np.diff(t[:-1])  # the last row may come early
+    if len(steps) and steps.max() > 1.01*steps.min():
+        even = np.linspace(t[0], t[-1], len(t))
+        return np.interp(t, even, slope(even, np.interp(even, t, q), times))
+    n = len(t) - 1
     side = _side(n, times)
     step = (t[n - 1] - t[0])/(n - 1)
     k = np.arange(-side, side + 1.0)

@@ -52,7 +52,9 @@ def _row(s: Any, i: int) -> Any:
 
 def _called(b: Block, signals: dict[str, Any], z: Any, rows: Any) -> Any:
     """What a block gives, its states left out."""
-    z = tuple(getattr(z, n)[rows] for n in b.states)
+    if b.buffers:
+        raise ValueError(f"{b.name} remembers samples that are not recorded")
+    z = tuple(taken(getattr(z, n), rows) for n in b.states)
     asked = [z if n == "z" else signals[n] for n in b.signals]
     count = len(signals["t"])
 

@@ -1,6 +1,8 @@
 """Whether a run slides: sigma at rest, the actuator within its limits, the gain settled."""
 
+import functools
 import math
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -108,7 +110,9 @@ def _blocks(run: "Run", count: int) -> list[tuple]:
             found += [(b, one, w, x) for one, w, x in rows]
         else:
             found.append((b, s, v, xi))
-    return found if len(found) == count else [(None, None, None, None)]*count
+    if len(found) != count:  # states of a plant without an output
+        found = [(found[0][0], None, None, None)]*count
+    return found
 
 
 def _motion(run: "Run", path: tuple, b: Any, sigma: Any, v: Any, xi: Any) -> Motion:
@@ -167,7 +171,20 @@ def _samples(run: "Run", path: tuple, b: Any, sigma: Any, v: Any) -> float:
     return count*base**n*run.tau + run.loop.latency
 
 
-def backwards(run: "Run") -> bool:
+def _told(f: Callable) -> Callable:
+    """Make a function of a run return what it says, or None where a block cannot be evaluated."""
+    @functools.wraps(f)
+    def told(*args):
+        try:
+            return f(*args)
+        except Exception:  # a block is anybody's: its samples may not be recorded
+            return None
+
+    return told
+
+
+@_told
+def backwards(run: "Run") -> bool | None:
     """Whether more of v moves the error up: then the gain of the plant has the other sign.
 
     The plant is led on from the last row, without and with a little more of v; known of loops with
@@ -217,6 +234,7 @@ def growing(run: "Run", k: np.ndarray | None) -> bool:
                 and k[tail].min() >= k[tail.start//2:tail.start].max() > 0.0)
 
 
+@_told
 def at_limit(run: "Run", rows: Any) -> list[np.ndarray] | None:
     """Return, for each input, at which of these rows it is at its limit; None where none is known.
 

@@ -3,31 +3,50 @@
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from itertools import zip_longest
 from typing import Any, NamedTuple
 
 import numpy as np
 import plotly.graph_objects as go
 
 from ..core import Param, Run
-from ..core.perturbation import degree, laws
+from ..core.leaves import at
 from ..core.signal import flat
-from .text import UNKNOWN, measure, plain, reached, said_html, shown, symbol, unit_html
+from .between import band, chatters, coarse, corners, held, mean, reversals
+from .planes import ERRORS, PHASE, planes
+from .text import (
+    UNKNOWN,
+    alternative,
+    measure,
+    plain,
+    reached,
+    said_html,
+    shown,
+    symbol,
+    unit_html,
+    unmarked,
+)
 
-__all__ = ["Curve", "comparison_html", "draw", "metrics_html", "panels", "structure", "verdict_html"]
+__all__ = ["Curve", "before", "comparison_html", "draw", "metrics_html", "panels", "structure", "verdict_html"]
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")  # of Okabe and Ito, for everybody
 SYMBOLS = ("circle", "square", "diamond", "triangle-up", "cross")
 DASHES = ("solid", "dash", "dashdot")
-NAMED = {"sigma": r"\sigma", "dy": r"\dot y", "xi": r"\xi", "phase": r"\dot\sigma"}
+# of runs drawn over one another: told apart in grey, and the lower ones seen beside and through the upper
+RUNS = (("solid", 2.8), ("12px,4px", 2.2), ("5px,3px", 1.7), ("10px,3px,2px,3px", 1.2))
+NAMED = {"sigma": r"\sigma", "dy": r"\dot y", "xi": r"\xi"}
+SENSED = "y_m"
 LAW = "states of the law"
-PHASE = "phase portrait"  # the row whose abscissa is sigma, not time
-ROW, TALL, GAP, TOP, BOTTOM = 112, 260, 28, 30, 44  # px; the phase portrait is a tall row
+TALL_ROWS = PHASE, ERRORS
+SHADOWS = "output", "rate", "control", "sliding variable", *TALL_ROWS
+RESOLVED = 2000  # rows in view up to which sampled signals are drawn held; u always is
+PIECES, TURNS = 400, 100  # a signal with so many reversals, compared with others, is a band of so many pieces
+ROW, TALL, GAP, TOP, BOTTOM = 112, 260, 28, 30, 44  # px; a plane is a tall row
+LINE, ENTRY, LETTER, WIDTH = 18, 42, 6, 420  # px: of a legend, about; of the narrowest picture
 APART = 0.16  # of the width, between columns
 LAYOUT: dict[str, Any] = dict(
     autosize=True, margin=dict(l=72, r=14, t=TOP, b=BOTTOM), template="plotly_white",
     font=dict(size=12, color="#222"), hovermode="x", hoversubplots="axis", hoverlabel_namelength=-1,
-    uirevision="kept")
+    uirevision="kept", modebar=dict(remove=["sendChartToCloud"]))  # "Share chart" uploads a person's data
 X_AXIS = dict(visible=True, showspikes=True, spikethickness=1, spikecolor="#999")
 Y_AXIS = dict(visible=True, nticks=5, exponentformat="e", zerolinecolor="#ccc", title_standoff=6)
 LEGEND = dict(orientation="h", xanchor="right", yanchor="bottom", font_size=11, bgcolor="rgba(0,0,0,0)")
@@ -44,13 +63,18 @@ class Curve(NamedTuple):
     y: np.ndarray
     reference: bool = False
     across: Param = Param("t", "s")
-    held: bool = False  # from point to point
+    held: bool = False  # each sample has a row; of a band: it chatters, and is not a few peaks
 
     @property
     def label(self) -> str:
         """Its symbol."""
-        meta = _named(self.meta, self.key.partition("[")[0])
+        meta = _named(self.meta, self.key.removesuffix(".range").partition("[")[0])
         return symbol(meta.symbol).removesuffix("(0)")  # not the start of a law's state
+
+    @property
+    def filled(self) -> bool:
+        """Whether it is a band."""
+        return self.key.endswith(".range")
 
     @property
     def unit(self) -> str:
@@ -68,46 +92,150 @@ def _named(meta, name):
     return replace(meta, symbol=meta.symbol or NAMED.get(name, name))
 
 
-def _channels(signal, meta, many):
-    """The channels of a signal, each a list of (array, Param): the output, then its derivatives."""
-    metas = list(meta) if isinstance(meta, tuple) else [meta]
-    if many and isinstance(signal, tuple):
-        return [_channels(s, m, False)[0] for s, m in zip_longest(signal, metas[:len(signal)])]
-    parts = flat(signal)
-    return [[(s, m or Param()) for s, m in zip_longest(parts, metas[:len(parts)])]]
-
-
-def _extremes(t, y, low, high):
-    """A curve through the rows with two more points for each, where chattering between rows shows."""
-    a, b, low, high = y[:-1], y[1:], low[1:], high[1:]
-    dips, peaks = low < np.minimum(a, b), high > np.maximum(a, b)
-    first = np.where(peaks & ~(dips & (a < b)), high, np.where(dips, low, a + (b - a)/3))
-    second = np.where(peaks & dips, np.where(a < b, high, low), a + (b - a)*2/3)
-    step = np.diff(t)/3
-    return (np.append(t[0], np.column_stack([t[:-1] + step, t[1:] - step, t[1:]])),
-            np.append(y[0], np.column_stack([first, second, b])))
-
-
 def _single(values):
     """Values as drawn; those that are too large become infinite."""
     with np.errstate(over="ignore"):
-        return values.astype(np.float32)
+        return np.asarray(values).astype(np.float32)
 
 
-def _corners(t, y):
-    """A curve without the inner points of its level stretches."""
-    keep = np.ones(len(t), bool)
-    keep[1:-1] = (y[1:-1] != y[:-2]) | (y[1:-1] != y[2:])
-    return t[keep], y[keep]
+class _Panels:
+    """The curves of a run, added one by one."""
+
+    def __init__(self, run: Run, span: tuple[float, float] | None, compared: bool):
+        self.run, self.compared, self.curves = run, compared, []
+        self.outputs = run.leaves("y")
+        self.named = any(q.derivative is None for q in self.outputs)  # states, without an output
+        self.many = isinstance(run.y, tuple) and any(isinstance(q, tuple) for q in run.y)
+        self.columns = 1 + max((q.channel for q in self.outputs), default=0) if self.many else 1
+        self.single = np.diff(run.t) < 1.001*run.tau  # of one sample: nothing lies between the rows
+        low, high = span or (-math.inf, math.inf)
+        self.resolved = np.count_nonzero((run.t >= low) & (run.t <= high)) <= RESOLVED
+
+    def add(self, key, row, column, meta, y, t=None, **look):
+        """Add a curve, by default through the rows; those without a column of their own share the last."""
+        x, y = _single(self.run.t if t is None else t), _single(shown(meta)[0]*y)
+        self.curves.append(Curve(key, row, min(column, self.columns - 1), meta, x, y, **look))
+
+    def sampled(self, key, row, column, meta, y, t=None, always=False):
+        """Add a signal that is held from sample to sample, where the rows resolve that."""
+        whole = t is None and len(y) > 1 and bool(self.single.all())
+        if t is None and len(y) > 1 and (always or self.resolved):
+            t, y = held(self.run.t, y, self.single)
+        self.add(key, row, column, meta, y, t, held=whole and always)
+
+    def between(self, key, row, column, meta, y, low, high, integral=None, always=False):
+        """Add a sampled signal with the band that it fills between rows; amid that, its mean."""
+        t, pieces = self.run.t, self.compared and reversals(y) > TURNS
+        if pieces:
+            t, y, low, high, integral = coarse(PIECES, t, y, low, high, integral)
+        if len(y) > 2 and (pieces or not self.single.all()):
+            chattering = chatters(y, low, high) & (True if pieces else ~self.single)
+            x, edge = band(t, y, low, high, chattering)
+            if len(x):
+                self.add(f"{key}.range", row, column, meta, edge, x, held=bool(chattering.any()))
+            blurred = np.append(False, chattering) & np.append(chattering, chattering[-1])  # rows amid that
+            y = y.copy()
+            y[blurred] = math.nan if integral is None else mean(t, integral, blurred)
+        self.sampled(key, row, column, meta, y, t if pieces else None, always)
+
+    def beside(self, signal, q):
+        """What belongs to a number of y in r or y_m, which may come without derivatives; or None."""
+        for i, inner in enumerate(q.path):
+            if isinstance(signal, tuple):
+                signal = signal[inner] if inner < len(signal) else None
+            elif inner and not (self.many and i == 0):
+                return None
+        return signal
+
+    # ---- panels ------------------------------------------------------------------------------
+    def followed(self):
+        """Output against reference, and rate; states by name where there is no output."""
+        for q in self.outputs:
+            if q.derivative not in (None, 0, 1):
+                continue
+            rate = "d"*(q.derivative == 1)
+            row = f"output {q.key}" if self.named else "rate" if rate else "output"
+            mark = q.key.removeprefix("y") if self.named else f"[{q.channel}]"*self.many
+            c = 0 if self.named else q.channel
+            meta = _named(q.meta, q.key.removeprefix("y.")) if self.named else q.meta
+            self.add(f"{rate}y{mark}", row, c, meta, at(self.run.y, q.path))
+            sensed = self.beside(self.run.y_m, q) if self.run.loop.stages["sensor"] else None
+            if sensed is not None:
+                seen = replace(meta, symbol=rf"\dot {SENSED}" if rate else SENSED)
+                self.sampled(f"{rate}y_m{mark}", row, c, seen, sensed)
+            reference = self.beside(self.run.r, q)
+            if reference is not None:
+                self.add(f"{rate}r{mark}", row, c, meta, reference, reference=True)
+
+    def controls(self, states):
+        """The control; with it, the perturbation that the law meets, if nothing lies between them."""
+        run, stages, leaves = self.run, self.run.loop.stages, self.run.leaves("u")
+        bare = not (stages["allocation"] or stages["actuator"] or run.loop.latency)
+        sums = flat(run.integral_v) if bare and run.integral_v is not None else [None]*len(leaves)
+        for i, q in enumerate(leaves):
+            mark = f"[{i}]"*(len(leaves) > 1)
+            u, low, high = (at(s, q.path) for s in (run.u, run.low.u, run.high.u))
+            self.between(f"u{mark}", "control", i, q.meta, u, low, high, sums[i], always=True)
+        if run.xi is not None and not stages["allocation"] and not stages["actuator"]:
+            for i, (xi, q) in enumerate(zip(flat(run.xi), leaves, strict=True)):
+                self.add(f"xi{f'[{i}]'*(len(leaves) > 1)}", "control", i, replace(q.meta, symbol=r"\xi"), xi, reference=True)
+        if stages["allocation"] and "xi" in stages["allocation"].states:  # an observer
+            meta = replace(stages["allocation"].states["xi"], symbol=r"\hat\xi")
+            self.sampled("allocation.xi", "perturbation", 0, meta, run.z.allocation.xi)
+        for n in states:
+            meta = _named(stages["plant"].states[n], n)
+            row = "control" if meta.unit == leaves[0].meta.unit else f"states [{meta.unit}]"
+            self.add(f"x.{n}", row, 0, meta, getattr(run.x, n))
+
+    def sliding(self):
+        """The sliding variable."""
+        leaves = [q for q in self.run.leaves("sigma") if not q.derivative]
+        for i, q in enumerate(leaves):
+            sigma, low, high = (at(s, q.path) for s in (self.run.sigma, self.run.low.sigma, self.run.high.sigma))
+            mark = f"[{i}]"*(self.many or len(leaves) > 1)
+            self.between(f"sigma{mark}", "sliding variable", i, q.meta, sigma, low, high)
+
+    def memory(self):
+        """The band of the law, and its states."""
+        law = self.run.loop.stages["law"]
+        parts = getattr(law, "parts", {None: law})
+        for c, (name, b) in enumerate(parts.items()):
+            mark = f"[{c}]"*(self.many or len(parts) > 1)
+            if b.band:
+                edge = np.array([b.band(q, b.values) for q in self.run.t])
+                t, edge = corners(self.run.t, edge)
+                t, edge = (np.concatenate(q) for q in ((t, [math.nan], t), (edge, [math.nan], -edge)))
+                self.add(f"band{mark}", "sliding variable", c, Param(r"\delta", "[sigma]"), edge, t, reference=True)
+            for n, meta in b.states.items():
+                if not meta.hidden:
+                    z = getattr(self.run.z.law, name) if name else self.run.z.law
+                    self.sampled(f"law.{n}{mark}", LAW, c, _named(meta, n), getattr(z, n))
+
+    def probed(self):
+        """What the probe gives."""
+        probe = self.run.loop.stages["probe"]
+        if probe:
+            leaves = self.run.leaves("probe")
+            values = tuple(vars(self.run.probe).values())
+            values = values if hasattr(probe, "parts") else values[0]
+            for i, q in enumerate(leaves):
+                name = [*vars(self.run.probe)][q.path[0]] if hasattr(probe, "parts") else probe.name
+                mark = f"[{i}]"*(len(leaves) > 1 and not hasattr(probe, "parts"))
+                self.add(f"probe.{name}{mark}", f"probe [{q.meta.unit}]", 0, _named(q.meta, name), at(values, q.path))
 
 
-def panels(run: Run, states: Iterable[str] = (), phase: bool = False) -> list[Curve]:
+def panels(run: Run, states: Iterable[str] = (), phase: bool = False, *, fine: Run | None = None,
+           span: tuple[float, float] | None = None, compared: bool = False) -> list[Curve]:
     """Return the curves of a run.
 
     These are output against reference, rate, control and states, sliding variable, states of the
-    law. An output that has neither metadata nor a reference to follow is not drawn: it only makes
-    the error. Where nothing lies between law and plant, the perturbation that the law meets is
-    drawn with the control; an observer's estimate of it has a panel of its own.
+    law, and what the probe gives. An output that has neither metadata nor a reference to follow is
+    not drawn: it only makes the error. Without an output, each state of the plant has a panel.
+    Where nothing lies between law and plant, the perturbation that the law meets is drawn with the
+    control; an observer's estimate of it has a panel of its own.
+
+    Where sigma or u chatter between rows, they are a band, ``u.range``, from the minimum to the
+    maximum of each interval; the curve itself is the mean there if that is known, else it has a gap.
 
     Parameters
     ----------
@@ -115,89 +243,45 @@ def panels(run: Run, states: Iterable[str] = (), phase: bool = False) -> list[Cu
     states : sequence of str
         Plant states to draw, with the control if they have its unit, else in their own panel.
     phase : bool
-        With the phase portrait, sigma' over sigma.
+        With the phase portrait, sigma' over sigma, and e' over e with the line sigma = 0 where the
+        output comes with its first derivative and a surface makes sigma of both.
+    fine : Run, optional
+        The same run with more rows, for the planes.
+    span : (float, float), optional
+        Times in view [s]; default: all.
+    compared : bool
+        Whether others are drawn over it: what chatters is then a band in any case.
 
     Returns
     -------
     list of Curve
         In the order of the panels; one column for each channel of the output.
     """
-    stages, t, curves = run.loop.stages, run.t, []
-    about = {s: run.loop.metadata(s) for s in ("y", "u", "sigma")}
-    if not stages["output"]:  # y = x
-        about["y"] = tuple(replace(m, symbol=m.symbol or n) for n, m in stages["plant"].states.items())
-    many = isinstance(run.y, tuple) and any(isinstance(q, tuple) for q in run.y)
-    outputs = _channels(run.y, about["y"], many)
-    followed = about["y"] or stages["reference"] or not stages["law"]
-
-    samples = len(t) > 1 and np.diff(t).max() < 1.001*run.tau  # each is a row: nothing lies between rows
-
-    def add(key, row, column, meta, y, *between, reference=False, number=None, held=False):
-        ts, ys = _corners(t, y) if samples else _extremes(t, y, *between) if between and len(t) > 1 else (t, y)
-        key += f"[{column if number is None else number}]"*(many or number is not None)
-        curves.append(Curve(key, row, column, meta, _single(ts), _single(shown(meta)[0]*ys), reference, held=held))
-
-    for c, (ys, rs) in enumerate(zip(outputs, _channels(run.r, about["y"], many), strict=True) if followed else ()):
-        for row, key, (y, meta), r in zip(("output", "rate"), ("", "d"), ys, [*rs, None], strict=False):
-            add(f"{key}y", row, c, meta, y)
-            if r:
-                add(f"{key}r", row, c, meta, r[0], reference=True)
-    controls, = _channels(run.u, about["u"], False)
-    for i, ((y, meta), low, high) in enumerate(zip(controls, flat(run.low.u), flat(run.high.u), strict=True)):
-        add("u", "control", min(i, len(outputs) - 1), meta, y, low, high, number=i if len(controls) > 1 else None, held=samples)
-    if run.xi is not None and not stages["allocation"] and not stages["actuator"]:
-        for i, (xi, (_, meta)) in enumerate(zip(flat(run.xi), controls, strict=True)):
-            add("xi", "control", min(i, len(outputs) - 1), replace(meta, symbol=r"\xi"), xi, reference=True,
-                number=i if len(controls) > 1 else None)
-    if stages["allocation"] and "xi" in stages["allocation"].states:  # an observer
-        meta = replace(stages["allocation"].states["xi"], symbol=r"\hat\xi")
-        add("allocation.xi", "perturbation", 0, meta, run.z.allocation.xi)
-    for n in states:
-        meta = _named(stages["plant"].states[n], n)
-        add(f"x.{n}", "control" if meta.unit == controls[0][1].unit else f"states [{meta.unit}]", 0, meta, getattr(run.x, n))
+    stages, made = run.loop.stages, _Panels(run, span, compared)
+    followed = not stages["output"] or run.loop.metadata("y") or stages["reference"] or not stages["law"]
+    if followed:
+        made.followed()
+    made.controls(states)
     if stages["surface"] or not followed:
-        s = [_channels(q, about["sigma"], many) for q in (run.sigma, run.low.sigma, run.high.sigma)]
-        for c, ((y, meta), (low, _), (high, _)) in enumerate(zip(*([q[0] for q in one] for one in s), strict=True)):
-            add("sigma", "sliding variable", c, meta, y, low, high)
+        made.sliding()
     if stages["law"]:
-        for c, (name, b) in enumerate(getattr(stages["law"], "parts", {None: stages["law"]}).items()):
-            if b.band:
-                band = np.array([b.band(q, b.values) for q in t])
-                ts, band = _corners(t, band)
-                x, y = (_single(np.concatenate(q)) for q in ((ts, [math.nan], ts), (band, [math.nan], -band)))
-                curves.append(Curve(f"band{f'[{c}]'*many}", "sliding variable", c, Param(r"\delta", "[sigma]"), x, y, True))
-            for n, meta in b.states.items():
-                if not meta.hidden:
-                    z = getattr(run.z.law, name) if name else run.z.law
-                    add(f"law.{n}", LAW, c, _named(meta, n), getattr(z, n))
-    for c, (name, x, y) in enumerate(_portraits(run) if phase else ()):
-        curves.append(Curve(f"phase{name}", PHASE, min(c, len(outputs) - 1), Param(), _single(x), _single(y),
-                            across=Param(r"\sigma")))
-    places = list(dict.fromkeys((c.row, c.column) for c in curves))
-    return sorted(curves, key=lambda c: places.index((c.row, c.column)))  # the order of the traces in the figure
-
-
-def _portraits(run):
-    """(name, sigma, sigma') of each sliding variable; sigma' = xi - v where a law is for relative degree 1."""
-    if run.xi is None:
-        return
-    many = hasattr(run.loop.stages["law"], "parts")
-    for c, ((b, sigma, v, _), xi) in enumerate(zip(laws(run), run.xi if many else (run.xi,), strict=True)):
-        s = flat(sigma)
-        if isinstance(v, tuple):
-            yield from ((f"[{i}]", q, _smooth(a) - w) for i, (q, a, w) in enumerate(zip(s, xi, v, strict=True)))
-        else:
-            yield f"[{c}]"*many, s[0], s[1] if degree(b, sigma, v) > 1 else _smooth(xi) - v
-
-
-def _smooth(xi):
-    """Remove single-row spikes: a step in the command makes sigma jump, but the plant has not moved."""
-    return np.median([np.append(xi[:1], xi[:-1]), xi, np.append(xi[1:], xi[-1:])], axis=0)
+        made.memory()
+    made.probed()
+    for row, key, channel, x, y, about in planes(fine or run) if phase else ():
+        meta, across = about
+        made.add(key, row, channel, meta, y, shown(across)[0]*x, across=across, reference=key.startswith("line"))
+    places = list(dict.fromkeys((c.row, c.column) for c in made.curves))
+    return sorted(made.curves, key=lambda c: places.index((c.row, c.column)))  # the order of the traces in the figure
 
 
 def structure(curves: Iterable[Curve]) -> list[tuple]:
     """Return what a figure of the curves depends on besides their numbers."""
     return [(c.key, c.row, c.column, c.label, c.unit, c.held) for c in curves]
+
+
+def before(curves: Iterable[Curve]) -> dict[str, Curve]:
+    """Return the curves that stay as a shadow when the setting changes."""
+    return {c.key: c for c in curves if c.row in SHADOWS and not c.reference and not c.filled}
 
 
 def draw(runs: Mapping[str, list[Curve]]) -> tuple[list, dict]:
@@ -206,69 +290,136 @@ def draw(runs: Mapping[str, list[Curve]]) -> tuple[list, dict]:
     Parameters
     ----------
     runs : dict of str to list of Curve
-        The result of `panels`, by name of the run.
+        The result of `panels`, by name of the run. Of several, each quantity has a panel, and each
+        run a colour, a dash and a width.
 
     Returns
     -------
     list of plotly.graph_objects.Scatter, dict
     """
-    places = {}
+    several, places = len(runs) > 1, {}
+    first: dict[tuple, str] = {}  # label of the first quantity of a panel
     for run, (name, curves) in enumerate(runs.items()):
         for c in curves:
-            places.setdefault((c.row, c.column), []).append((run, name, c))
-    rows, columns = sorted(dict.fromkeys(r for r, _ in places), key=PHASE.__eq__), 1 + max((c for _, c in places), default=0)
-    heights, tops = [TALL if r == PHASE else ROW for r in rows], [0]
-    for r, h in zip(rows, heights, strict=True):
-        tops.append(tops[-1] + h + (GAP + BOTTOM if rows[-1] == PHASE and r != PHASE and r == rows[-2] else GAP))
-    height, axes, wide = max(tops[-1] - GAP, ROW), {}, (1.0 + APART)/columns - APART
-    traces = []
-    for (row, column), here in sorted(places.items(), key=lambda q: q[0][0] == PHASE):
-        n = rows.index(row)
-        y = str(1 + n*columns + column) if n or column else ""  # plotly writes y, y2, y3
-        x = str(1 + column + columns*(row == PHASE)) if column or row == PHASE else ""
-        traces += _traces(here, dict(xaxis=f"x{x}", yaxis=f"y{y}", legend=f"legend{y}"), len(runs) > 1, not traces)
-        units = {c.label: c.unit for *_, c in here if not c.reference}
-        unit = next(iter(units.values())) if len(set(units.values())) == 1 else ""
-        title = LAW if len(units) > 3 else ", ".join(units) + unit
-        bands = [c.y for *_, c in here if c.key.startswith("band") and len(c.y) > 1]
-        room = [round(5.0*float(np.nanmax(q)), 6) for q in bands]  # sigma beside its band
+            own = several and not c.reference and first.setdefault((c.row, c.column), c.label) != c.label
+            places.setdefault((f"{c.row}: {c.label}" if own else c.row, c.column), []).append((run, name, c))
+    rows = sorted(dict.fromkeys(r for r, _ in places), key=_plane)
+    columns = 1 + max((c for _, c in places), default=0)
+    wide, laws = (1.0 + APART)/columns - APART, f"legend{len(rows)*columns + 1}"  # the legend of the runs
+    drawn, told = {}, set()
+    for place, here in places.items():
+        y = 1 + rows.index(place[0])*columns + place[1]
+        x = 1 + place[1] + columns*_plane(place[0])
+        drawn[place] = (x, y, _traces(here, x, y, laws if several else "", told))
+    above = {r: max(_lines([t.name for t in traces if t.showlegend and t.legend != laws], wide)
+                    for (row, _), (*_, traces) in drawn.items() if row == r) for r in rows}
+    tops, heights, base = [], [TALL if r in TALL_ROWS else ROW for r in rows], 0
+    for i, (r, h) in enumerate(zip(rows, heights, strict=True)):
+        base += LINE*max(above[r] - 1, 0) + (BOTTOM if i and r in TALL_ROWS else 0)
+        tops.append(base)
+        base += h + GAP
+    height, axes = max(base - GAP, ROW), {}
+    for (row, column), here in sorted(places.items(), key=lambda q: rows.index(q[0][0])):
+        n, (x, y, _) = rows.index(row), drawn[row, column]
         left, top = column*(wide + APART), 1 - tops[n]/height
-        axes |= {f"yaxis{y}": dict(domain=(max(top - heights[n]/height, 0.0), top), anchor=f"x{x}", title_text=title,
-                                   range=(-max(room), max(room)) if any(room) else None, **Y_AXIS),
-                 f"xaxis{x}": dict(domain=(left, left + wide), anchor=f"y{y}", **X_AXIS | dict(  # below the lowest panel
-                     title=dict(text=here[0][2].abscissa, standoff=4))),
-                 f"legend{y}": dict(x=left + wide, y=top, **LEGEND)}
-    return traces, dict(height=height + TOP + BOTTOM, **LAYOUT, **axes)
+        bottom = max(top - heights[n]/height, 0.0)
+        axes |= _axes([c for *_, c in here], x, y, (left, left + wide), (bottom, top))
+    lines = _lines(runs, 1.0) if several else 0
+    margin = LAYOUT["margin"] | dict(t=TOP + LINE*lines)
+    if several:
+        axes[laws] = LEGEND | dict(x=0.0, xanchor="left", y=1.0 + (TOP - 8)/height)
+    layout = LAYOUT | axes | dict(height=height + margin["t"] + BOTTOM, margin=margin,
+                                  meta=dict(alt=alternative(places, runs), columns=columns, apart=APART))
+    return [t for place in sorted(drawn, key=lambda q: rows.index(q[0]) if several else 0) for t in drawn[place][2]], layout
 
 
-def _traces(curves, place, several, first):
-    """Traces of one panel: curves of one run differ in dashes and colours, runs in colours."""
-    traces, told, ranks = [], set(), {}
+def _plane(row):
+    """Number of a row whose abscissa is not time; 0 for the others."""
+    return TALL_ROWS.index(row) + 1 if row in TALL_ROWS else 0
+
+
+def _lines(names, wide):
+    """How many lines a legend takes, about."""
+    return math.ceil(sum(ENTRY + LETTER*len(unmarked(n)) for n in names)/(wide*WIDTH))
+
+
+def _number(n):
+    """Of an axis or a legend, as plotly writes it: none for the first."""
+    return str(n) if n > 1 else ""
+
+
+def _axes(curves, x, y, across, up):
+    """Axes and legend of a panel."""
+    units = {c.label: c.unit for c in curves if not c.reference}
+    unit = next(iter(units.values())) if len(set(units.values())) == 1 else ""
+    title = LAW if len(units) > 3 else ", ".join(units) + unit
+    bands = [c.y for c in curves if c.key.startswith("band") and len(c.y) > 1]
+    room = [round(5.0*float(np.nanmax(q)), 6) for q in bands]  # sigma beside its band
+    x_axis = X_AXIS | dict(title=dict(text=curves[0].abscissa, standoff=4))  # below the lowest panel
+    if 1 < x and curves[0].row not in TALL_ROWS:
+        x_axis["matches"] = "x"  # columns are zoomed together
+    return {f"yaxis{_number(y)}": dict(domain=up, anchor=f"x{_number(x)}", title_text=title,
+                                       range=(-max(room), max(room)) if any(room) else None, **Y_AXIS),
+            f"xaxis{_number(x)}": dict(domain=across, anchor=f"y{_number(y)}", **x_axis),
+            f"legend{_number(y)}": dict(x=across[1], y=up[1], **LEGEND)}
+
+
+def _ink(q):
+    """How much a curve in a plane covers: the more of it lies beneath."""
+    x, y = (v/((np.nanmax(v) - np.nanmin(v)) or 1.0) if np.isfinite(v).any() else v for v in (q[2].x, q[2].y))
+    return -float(np.nansum(np.hypot(np.diff(x), np.diff(y))))
+
+
+def _faint(colour, alpha):
+    """A colour with less than full opacity."""
+    return "rgba({},{},{},{})".format(*(int(colour[i:i + 2], 16) for i in (1, 3, 5)), alpha)
+
+
+def _traces(curves, x, y, laws, told):
+    """Traces of one panel: curves of one run differ in colours and dashes; so do runs, and in widths.
+
+    `laws` is the legend of the runs, if there are several; `told` holds those named in it.
+    """
+    traces, here, ranks, several = [], set(), {}, bool(laws)
     mixed = len({c.unit for *_, c in curves if not c.reference}) > 1
+    if several:
+        key = _ink if curves[0][2].row in TALL_ROWS else lambda q: not q[2].filled
+        curves = sorted(curves, key=key)
     for run, name, c in curves:
         if c.reference and run:
             continue  # drawn once
-        rank = ranks[run] = ranks.get(run, -1) + (not c.reference)
-        colour = COLOURS[(run if several else rank) % len(COLOURS)]
-        line = dict(color="#444", dash="dot") if c.reference else dict(color=colour, dash=DASHES[rank % len(DASHES)])
-        line |= dict(width=1.0, shape="hv") if c.held else dict(width=1.5)
-        label = plain(name) if several and not rank else c.label + c.unit*mixed
+        rank = ranks.get((run, c.label), len([q for q in ranks if q[0] == run]))
+        if not c.reference:
+            ranks[run, c.label] = rank
+        kind = run if several else rank
+        colour, label = COLOURS[kind % len(COLOURS)], c.label + c.unit*mixed
+        look: dict[str, Any] = dict(hovertemplate=f"{c.label} %{{y:.4g}}{c.unit}<extra>{plain(name)}</extra>")
         if c.reference:
-            label = c.label if c.key.startswith(("xi", "band")) else "reference"
-        tell = first or rank > 0 or c.reference if several else len(curves) > 1
-        traces.append(go.Scatter(x=c.x, y=c.y, mode="lines", name=label, meta=c.key, line=line, **place,
-                                 legendgroup=name if several and not c.reference else None, showlegend=tell and label not in told,
-                                 hovertemplate=f"{c.label} %{{y:.4g}}{c.unit}"
-                                               f"<extra>{plain(name)}</extra>"))
-        told.add(label)
+            line = dict(color="#444", dash="dot", width=1.5)
+            label = c.label if c.key.startswith(("xi", "band", "line")) else "reference"
+        elif c.filled:
+            line = dict(color=_faint(colour, 0.6), width=0.8)
+            look = dict(fill="toself", fillcolor=_faint(colour, 0.2 if several else 0.3), hoverinfo="skip")
+            label = f"{c.label}: min to max"
+        elif several:
+            dash, width = RUNS[run % len(RUNS)]
+            line = dict(color=colour, dash=dash, width=width)
+        else:
+            line = dict(color=colour, dash=DASHES[rank % len(DASHES)], width=1.0 if c.held else 1.5)
+        is_run = several and not c.reference and not c.filled
+        tell = name not in told if is_run else label not in here and (c.held if c.filled else c.reference or len(curves) > 1)
+        (told if is_run else here).add(name if is_run else label)
+        traces.append(go.Scatter(
+            x=c.x, y=c.y, mode="lines", name=plain(name) if is_run else label, meta=c.key,
+            line=line | dict(simplify=False), xaxis=f"x{_number(x)}", yaxis=f"y{_number(y)}",
+            legend=laws if is_run else f"legend{_number(y)}", showlegend=tell,
+            legendgroup=name if several and not c.reference else None, **look))
     return traces
 
 
 def _metas(run, signal):
     """Metadata of each channel of a signal."""
-    meta = run.loop.metadata(signal) or Param()
-    many = signal == "u" or isinstance(run.y, tuple) and any(isinstance(q, tuple) for q in run.y)
-    return [flat(q)[0] or Param() for q in (meta if many and isinstance(meta, tuple) else [meta])]
+    return [q.meta for q in run.leaves(signal) if not q.derivative]
 
 
 def _plain(meta):

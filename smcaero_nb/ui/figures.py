@@ -52,7 +52,8 @@ def plot(result: Any, states: Iterable[str] = (), phase: bool = False) -> go.Fig
     """
     runs = result.values() if isinstance(result, Mapping) else [result]
     states = known("plot", states, [run.loop for run in runs if isinstance(run, Run)])
-    return go.Figure(*figure(result, states, phase))
+    made = go.Figure(*figure(result, states, phase))
+    return made.update_layout(modebar=LAYOUT["modebar"])
 
 
 def figure(result: Any, states: Iterable[str] = (), phase: bool = False) -> tuple[list, dict]:
@@ -60,7 +61,9 @@ def figure(result: Any, states: Iterable[str] = (), phase: bool = False) -> tupl
     runs = {"": result} if isinstance(result, Run) else result
     if isinstance(runs, Mapping) and runs and all(
             isinstance(n, str) and isinstance(run, Run) for n, run in runs.items()):
-        return draw({name: panels(run, states, phase) for name, run in runs.items()})
+        several = len(runs) > 1
+        return draw({name: panels(run, states, phase, compared=several)
+                     for name, run in runs.items()})
     return _drawn(result)
 
 
@@ -89,7 +92,8 @@ def _thin(t, y):
 def _line(t, y, name, colour, place="", legend=False, **look):
     """A curve in the panel whose axes end with `place`."""
     x, y = _thin(t, y)
-    return go.Scatter(x=x, y=y, mode="lines", name=name, line=dict(color=colour, width=1.4, **look),
+    line = dict(color=colour, width=1.4, simplify=False, **look)
+    return go.Scatter(x=x, y=y, mode="lines", name=name, line=line,
                       showlegend=legend, xaxis="x", yaxis=f"y{place}", legend=f"legend{place}",
                       hovertemplate=f"{name} %{{y:.4g}}<extra></extra>")
 

@@ -1,6 +1,7 @@
 """Live plots: a mask beside the curves of what it sets."""
 
 import math
+import time
 import warnings
 from collections.abc import Iterable
 from typing import Any, NamedTuple
@@ -9,48 +10,55 @@ import ipywidgets as W
 import plotly.graph_objects as go
 import traitlets
 
-from ..core import Block, ClosedLoop, simulate
-from .curves import Curve, draw, metrics_html, panels, structure, verdict_html
+from ..core import Block, ClosedLoop, Run, simulate
+from .curves import Curve, before, draw, metrics_html, panels, structure, verdict_html
 from .figures import figure
 from .given import Loop, Loops, offered, seconds
 from .given import states as known
 from .job import Cancelled, Job, Overtaken, interrupted
 from .mask import Mask
 from .picture import Download, Picture
-from .text import result_html, why_diverged, why_not
+from .rows import joined, thinned, window
+from .text import doubts_text, result_html, why_diverged, why_not
 
 __all__ = ["Live", "live"]
 
 ROWS = 1000  # recorded rows of a run: what a screen resolves
 SAMPLES = 5000  # of a run of up to so many samples, each is a row: every pulse shows
+PLANE = 20_000  # rows of a run whose phase planes are drawn
+REST = 1.0  # s after which a setting has been seen: it stays as a shadow of the next
 PATIENCE = 0.15  # s that a moved slider waits for its run; a longer run goes on by itself
 # s that a new plot waits, so that the next cell finds its curves; compiling takes 1 to 3
 FIRST = 5.0
 COMPILING = "Compiling; this takes a few seconds, once for each kind of loop."
 COMPUTING = "Computing; the first time it may have to compile, which takes a few seconds."
 KEPT = "the curves are those of the last good setting"
+ENDED = "the curves end there"
+SHADOW = ", those of the last good setting are grey"
 
 
 def rows(loop: ClosedLoop, duration: float | None = None, dt: float | None = None,
-         tau: float | None = None) -> int:
+         tau: float | None = None, *, phase: bool = False) -> int:
     """Return how many rows of a run to record."""
     samples = (duration or loop.duration or 0.0)/(tau or loop.tau or dt or loop.dt or math.inf)
-    return round(samples) if ROWS < samples <= SAMPLES else ROWS
+    return round(samples) if ROWS < samples <= SAMPLES else PLANE if phase else ROWS
 
 
 class _Drawn(NamedTuple):
     """What a live plot shows.
 
-    The name of the loop, the result, its curves or a drawing, figures of merit as HTML, and the
-    name of a file to download.
+    The name of the loop, the loop, the result, its curves or a drawing, figures of merit as HTML,
+    the name of a file to download, and the curves of the setting before.
     """
 
     choice: str
+    loop: Loop
     run: Any
     curves: list
     drawing: tuple
     figures: str
     file: str
+    shadow: dict[str, Curve]
 
 
 class Live(W.Box):
@@ -64,10 +72,13 @@ class Live(W.Box):
     loop : ClosedLoop or Block
         As set now.
     run : Run, or what the block returned, or None
-        The last good one, the one drawn; ``live.observe(f, "run")`` calls `f` after every new one.
+        The last good one; ``live.observe(f, "run")`` calls `f` after every new one.
     curves : dict
         What is drawn of a run, in the units shown: ``live.curves["u"].y`` over
-        ``live.curves["u"].x``; keys `y r dy dr u xi sigma phase`, `x.<state>`, `law.<state>`.
+        ``live.curves["u"].x``; keys `y r dy dr y_m u xi sigma phase plane`, `x.<state>`,
+        `law.<state>`, `probe.<name>`; `u.range` and `sigma.range` are what they fill between rows.
+        They are those of a run that was lost, up to its end; none if another loop was chosen and
+        has none yet.
     status : str
         What the mask says about the newest run; empty if all is well.
     times : dict
@@ -82,21 +93,31 @@ class Live(W.Box):
                  states: Iterable[str], phase: bool, include: Iterable[str] | None):
         self.times = seconds("live", duration=duration, dt=dt, tau=tau)
         loops = offered("live", loops, Block, ClosedLoop)
-        self._look = known("live", states, loops.values()), phase
-        self.mask, self._picture = Mask(loops, include, tau), Picture()
-        self.curves: dict[str, Curve] = {}
+        self._states = known("live", states, loops.values())
+        self.mask, self._picture = Mask(loops, include, tau, dt), Picture()
+        self._planes = W.ToggleButton(bool(phase), description="Phase planes",
+                                      tooltip="Show sigma' over sigma, and e' over e")
         self._drawn: _Drawn | None = None
         self._shown: _Drawn | None = None
-        self.status, self._told = "", ("", False)
+        # loop, times and whether with planes, the run with more rows for these, and the run
+        self._stored: tuple | None = None
+        self._zoom = ()
+        self._good: _Drawn | None = None
+        self._rested = 0.0  # when the last setting was drawn
+        self.status, self._told = "", ("", False, "")
         self._answered = None  # the setting that _told is about
         self._metrics, self._download = W.HTML(), Download(lambda: self.run.to_csv())
         self.job = Job(self._work)
         self.mask.children = [*self.mask.children, self.job]
-        side = W.VBox([self._metrics, self._picture, self._download])
-        side.add_class("smcaero-plot")
-        super().__init__([self.mask, side])
+        loops = any(isinstance(q, ClosedLoop) for q in self.mask.offered.values())
+        below = W.HBox([*[self._planes]*loops, self._download])
+        self._side = W.VBox([self._metrics, self._picture, below])
+        self._side.add_class("smcaero-plot")
+        super().__init__([self.mask, self._side])
         self.add_class("smcaero-live")
         self.mask.observe(self._ask, "target")
+        self._planes.observe(self._ask, "value")
+        self._picture.view.observe(self._ask, "span")
         self._ask(patience=FIRST)
 
     @property
@@ -105,11 +126,18 @@ class Live(W.Box):
         return self.mask.target
 
     @property
+    def curves(self) -> dict[str, Curve]:
+        """What is drawn of a run, by key."""
+        gone = self._shown is None or self._picture.curves.state == "gone"
+        return {} if gone else {c.key: c for c in self._shown.curves}
+
+    @property
     def figure(self) -> go.Figure:
         """What is drawn, as a figure of plotly."""
-        if self.curves or self.run is None:
-            return go.Figure(*draw({"": list(self.curves.values())}))
-        return go.Figure(*figure(self.run))
+        if self._shown is None or self._picture.curves.state == "gone":
+            return go.Figure()
+        new = self._shown
+        return go.Figure(*(draw({"": new.curves}) if new.curves else new.drawing))
 
     def set(self, **values: Any) -> None:
         """Set values as the mask does, and wait until the curves show them.
@@ -145,17 +173,36 @@ class Live(W.Box):
 
         The wait keeps the moves of a slider from queueing.
         """
-        setting, asked = (self.mask.chosen, self.loop), self.job.worker.asked
-        if asked and not again and asked[0][0] == setting[0] and asked[0][1] is setting[1]:
+        simulated = isinstance(self.loop, ClosedLoop)
+        how = self._planes.value, tuple(self._picture.view.span), self.mask.method
+        how = how if simulated else ()
+        setting, asked = (self.mask.chosen, self.loop, how), self.job.worker.asked
+        if asked and not again and asked[0][1] is setting[1] and asked[0][::2] == setting[::2]:
             return
-        if not self.job.ask(setting, patience) and self.job.worker.fraction is None:
-            self._say(COMPILING if isinstance(self.loop, ClosedLoop) else COMPUTING)
+        if not self.job.ask(setting, patience):
+            if self._drawn and self._drawn.loop is not self.loop:
+                self._mark(self._without(self.mask.chosen))
+            if self.job.worker.fraction is None:
+                self._say(COMPILING if simulated else COMPUTING)
             if self._answered is setting:  # just now
-                self._say(*self._told)
+                text, refused, state = self._told
+                self._say(text, refused)
+                self._mark(state)
+
+    def _without(self, choice):
+        """How curves of another setting are shown: grey, or not at all if of another loop."""
+        return "old" if self._drawn and self._drawn.choice == choice else "gone"
+
+    def _kept(self, choice):
+        return f"; {KEPT}" if self._without(choice) == "old" else ""
+
+    def _mark(self, state):
+        self._picture.mark(state)
+        self._side.layout.visibility = "hidden" if state == "gone" else "visible"
 
     def _work(self, asked, progress):
-        """Simulate or call, and draw or say why not; say it too where no theorem covers a run."""
-        (choice, loop), refused = asked, True
+        """Simulate or call, and draw or say why not; say what speaks against a run, too."""
+        (choice, loop, how), refused, lost = asked, True, True
 
         def watched(fraction):
             progress(fraction)
@@ -166,34 +213,67 @@ class Live(W.Box):
             self._draw()  # what Ctrl-C left half drawn
             progress()
             if isinstance(loop, ClosedLoop):
-                record = rows(loop, **self.times)
-                run = simulate(loop, **self.times, record=record, progress=watched)
-                text, refused = self._simulated(choice, run)
+                text, refused, lost = self._simulated(choice, loop, *how, watched)
             else:
                 text, refused = self._called(choice, loop)
+                lost = False
         except Cancelled:
-            text = f"Cancelled; {KEPT}."
+            text = f"Cancelled{self._kept(choice)}."
         except Overtaken:
-            text = ""
+            text, lost = "", False
         except BaseException as why:  # a block may raise anything: say it, and the page goes on
             if interrupted(why):
                 raise
-            text = f"{why_not(why)}; {KEPT}." if self.run else f"{why_not(why)}."
-        self._told, self._answered = (text, refused), asked
+            text = f"{why_not(why)}{self._kept(choice)}."
+        if lost:
+            self._mark(self._without(choice) if self._drawn else "")
+        self._told = text, refused, self._picture.curves.state
+        self._answered = asked
         self._say(text, refused)
 
-    def _simulated(self, choice, run):
-        """Draw a run; return what to say of it, and whether it is refused."""
-        good = run.diverged_at is None
-        drawn = good or choice != (self._drawn and self._drawn.choice) and len(run.t) > 0
-        if drawn:
+    def _simulated(self, choice, loop, phase, span, method, progress):
+        """Draw a run; return what to say, whether it is refused, and whether it has no curves."""
+        times = self.times | dict(method=method)
+        what = loop, times, phase
+        zoomed = self._stored is not None and self._stored[0] is loop and self._zoom != span
+        if not zoomed or self._stored[1:3] != what[1:]:
+            record = rows(loop, **self.times, phase=phase)
+            fine = simulate(loop, **times, record=record, progress=progress)
+            self._stored = *what, fine, thinned(fine, ROWS) if record == PLANE else fine
+        self._zoom, (fine, run) = span, self._stored[3:]
+        good, made = run.diverged_at is None, None
+        if len(run.t):
+            shown = self._zoomed(loop, run, times, span, progress)
+            curves = panels(shown, self._states, phase, fine=fine, span=span or None)
+            kept = good or not (self._good and self._good.choice == choice)
             figures = verdict_html(run) + metrics_html(run)
-            self._drawn = _Drawn(choice, run, panels(run, *self._look), (), figures, "")
+            shadow = self._shadow(choice, loop, good)
+            made = _Drawn(choice, loop, run if kept else self.run, curves, (), figures, "", shadow)
+            self._drawn = made
+            self._good = made if good else self._good
             self._draw()
+        if good:
+            return doubts_text(run.doubts()), False, False
+        end = f"; {ENDED}" + SHADOW*bool(made.shadow) if made else self._kept(choice)
+        return f"{why_diverged(run)}{end}.", True, made is None
+
+    def _zoomed(self, loop: ClosedLoop, run: Run, times: dict[str, Any], span, progress) -> Run:
+        """A run with all rows of what is zoomed to."""
+        dt = times["dt"] or loop.dt
+        part = window(run, span, dt) if span and dt else {}
+        return joined(run, simulate(loop, **times | part, progress=progress)) if part else run
+
+    def _shadow(self, choice, loop, good):
+        """The curves of the setting before, or of the last good one behind a run that was lost."""
+        last, now = self._drawn, time.monotonic()
+        if not (last and last.choice == choice and last.curves):
+            return {}
         if not good:
-            where = "the curves end there" if drawn else KEPT
-            return why_diverged(run) + (f"; {where}." if self.run else "."), True
-        return " ".join(f"{q}: the theorem does not cover this." for q in run.doubts()), False
+            return before(self._good.curves) if self._good and self._good.choice == choice else {}
+        if last.loop is loop or now - self._rested < REST and last is self._good:
+            return last.shadow  # zoomed; or a slider on its way
+        self._rested = now
+        return before(last.curves)
 
     def _called(self, choice, block):
         """Draw what a block returns, and what it warns of."""
@@ -202,7 +282,8 @@ class Live(W.Box):
             result = block()
         name = (choice or block.name).removesuffix(".csv")
         file = f"{name}, estimates.csv" if hasattr(result, "to_csv") else ""
-        self._drawn = _Drawn(choice, result, [], figure(result), result_html(result), file)
+        self._drawn = _Drawn(choice, block, result, [], figure(result), result_html(result), file,
+                             {})
         self._draw()
         return " ".join(dict.fromkeys(f"{q.message}." for q in remarks)), False
 
@@ -212,16 +293,19 @@ class Live(W.Box):
         if new is None:
             return
         if self._shown is not new:
-            before, self._shown = self._shown, None
+            last, self._shown = self._shown, None
+            shadow = [(i, new.shadow[c.key].x, new.shadow[c.key].y)
+                      for i, c in enumerate(new.curves) if c.key in new.shadow]
             if not new.curves:
                 self._picture.show(*new.drawing)
-            elif before and structure(new.curves) == structure(before.curves):
+            elif last and structure(new.curves) == structure(last.curves):
                 # only the numbers travel
-                self._picture.move([c.x for c in new.curves], [c.y for c in new.curves])
+                self._picture.move([c.x for c in new.curves], [c.y for c in new.curves], shadow)
             else:
-                self._picture.show(*draw({"": new.curves}))
-            self.curves, self._metrics.value = {c.key: c for c in new.curves}, new.figures
+                self._picture.show(*draw({"": new.curves}), shadow)
+            self._metrics.value = new.figures
             self._download.show(new.file)
+            self._side.layout.visibility = "visible"
             self._shown = new
         self.run = new.run
 

@@ -20,6 +20,10 @@ from plotly.offline import get_plotlyjs
 __all__ = ["Download", "Picture"]
 
 HERE = pathlib.Path(__file__).parent
+# bytes: on its own machine TCP passes on a packet of up to 64 KiB at once if it is full; a smaller
+# one waits, where Jupyter's server is the sender, until the page acknowledges the one before, and
+# that takes 40 ms
+FULL = 65_536
 
 
 class _Code(W.Widget):
@@ -39,24 +43,41 @@ class _Curves(W.Widget):
     drawing = traitlets.Dict().tag(sync=True)  # traces and layout, without the numbers
     x = traitlets.List().tag(sync=True)
     y = traitlets.List().tag(sync=True)
+    filling = traitlets.Bytes().tag(sync=True)  # so that the message fills a packet
+    behind = traitlets.List().tag(sync=True)  # [number of a trace, x, y]: as it was before, in grey
+    state = traitlets.Unicode().tag(sync=True)  # of what is drawn: "" as set, "old", "gone"
+
+
+class _View(W.Widget):
+    """What the page tells."""
+
+    span = traitlets.List().tag(sync=True)  # zoomed to: [from, to] on the axis of time, or nothing
+    near = traitlets.Bool(False).tag(sync=True)  # it is on the machine of the server
 
 
 class Picture(anywidget.AnyWidget):
     """Traces and layout, drawn by plotly.js.
 
     The curves are state, not messages as in plotly's own FigureWidget: a page that loads slowly, or
-    is reloaded, draws the current ones. The page answers nothing, so any thread may change them.
+    is reloaded, draws the current ones. The page answers nothing but where it is and what it has
+    zoomed to, in a model of its own, `view`; so any thread may change the curves.
     """
 
     _esm = HERE / "picture.js"
     code = traitlets.Instance(_Code).tag(sync=True, **W.widget_serialization)
     curves = traitlets.Instance(_Curves).tag(sync=True, **W.widget_serialization)
+    view = traitlets.Instance(_View).tag(sync=True, **W.widget_serialization)
 
     def __init__(self):
-        super().__init__(code=_plotly(), curves=_Curves())
+        super().__init__(code=_plotly(), curves=_Curves(), view=_View())
 
-    def show(self, traces: Sequence[Any], layout: dict[str, Any]) -> None:
-        """Draw traces."""
+    def mark(self, state: str) -> None:
+        """Show what is drawn in grey if ``"old"``; ``"gone"`` leaves it to who hides it."""
+        self.curves.state = state
+
+    def show(self, traces: Sequence[Any], layout: dict[str, Any],
+             behind: Iterable[tuple[int, Any, Any]] = ()) -> None:
+        """Draw traces, and behind some of them what they were before: (number, x, y)."""
         drawn = go.Figure(traces, layout).to_plotly_json()
         for name, axis in drawn["layout"].items():
             if name.startswith(("xaxis", "yaxis")):  # else it keeps the range of the figure before
@@ -66,13 +87,21 @@ class Picture(anywidget.AnyWidget):
                 for t, numbers in zip(drawn["data"], sent, strict=True)]
         with self.curves.hold_sync():
             self.curves.drawing = dict(traces=bare, layout=drawn["layout"])
-            self.move(*([numbers[k] for numbers in sent] for k in "xy"))
+            self.move(*([numbers[k] for numbers in sent] for k in "xy"), behind)
 
-    def move(self, x: Iterable, y: Iterable) -> None:
+    def move(self, x: Iterable, y: Iterable,
+             behind: Iterable[tuple[int, Any, Any]] = ()) -> None:
         """Draw the same traces with other numbers."""
         with self.curves.hold_sync():
-            self.curves.x, self.curves.y = (
-                [np.asarray(q, np.float32).tobytes() for q in values] for values in (x, y))
+            self.curves.x, self.curves.y = ([_bytes(q) for q in values] for values in (x, y))
+            self.curves.behind = [[n, _bytes(a), _bytes(b)] for n, a, b in behind]
+            self.curves.state = ""
+            if self.view.near:  # of another size than before, or it would not be sent
+                self.curves.filling = bytes(FULL + (len(self.curves.filling) == FULL))
+
+
+def _bytes(values):
+    return np.asarray(values, np.float32).tobytes()
 
 
 def _numbers(values):

@@ -54,6 +54,10 @@ class Study(W.VBox):
         """{name: loop} as set now, all in the same world."""
         return self._mask.in_this_world() if self._mask else self._given
 
+    def _method(self, name):
+        """The integration method of a loop: as set in the mask, else the loop's own."""
+        return self._mask.methods[name] if self._mask else None
+
     def wait(self) -> None:
         """Wait until the picture is there; Ctrl-C cancels it."""
         self.job.wait()
@@ -168,15 +172,17 @@ class Compare(Study):
     def _study(self, asked, progress):
         self.runs, runs = {}, {}
         for i, (name, loop) in enumerate(asked.items()):
-            runs[name] = simulate(loop, **self._times, record=ROWS,
+            runs[name] = simulate(loop, **self._times, method=self._method(name), record=ROWS,
                                   progress=lambda q, i=i: progress((i + q)/len(asked)))
         self.runs = runs
         # without the states of the laws: each has its own
-        curves = {n: [c for c in panels(r, phase=True) if c.row != LAW]
+        several = len(runs) > 1
+        curves = {n: [c for c in panels(r, phase=True, compared=several) if c.row != LAW]
                   for n, r in runs.items() if len(r.t)}
         self._show(draw(curves), comparison_html(runs))
         lost = [f"{n} {why_diverged(r)}" for n, r in runs.items() if r.diverged_at is not None]
-        return "; ".join(lost), True
+        doubtful = [f"{n}: {q}." for n, r in runs.items() for q in r.doubts()]
+        return "\n".join([*lost, *doubtful]), bool(lost)
 
 
 class Certificate(Study):
@@ -217,7 +223,7 @@ class Certificate(Study):
     def _study(self, asked, progress):
         name, loop = asked
         self.result, self._below.children = None, []
-        self.result = accuracy(loop, **self._times, progress=progress)
+        self.result = accuracy(loop, **self._times, method=self._method(name), progress=progress)
         self._show(figure(self.result))
         self._told = f"{name}: "*(name != "") + self.result.explain()
         return self._told, False
@@ -260,7 +266,8 @@ def compare(source: Live | Mapping[str, ClosedLoop]) -> Compare:
 def certificate(source: Live | ClosedLoop) -> Certificate:
     """Show a button that measures the order of sliding of a loop as set.
 
-    The order is the slope of the loop's accuracy over the sampling step.
+    The order is the slope of the loop's accuracy over the sampling step. It is shown from this
+    start and under this perturbation, not proved for others.
 
     Parameters
     ----------
