@@ -1,7 +1,7 @@
 """Seeded designs that meet what the laws' theorems ask for: no run of one may raise a doubt.
 
-``python tests/designs.py [count]`` runs every law at three steps, and 200 designs, or as many as
-are asked for.
+``python tests/designs.py [count]`` runs every law at three steps, all presets, and 200 designs, or
+as many as are asked for.
 """
 
 import math
@@ -131,12 +131,19 @@ def judged(law, run):
 
 
 if __name__ == "__main__":
+    from test_made import LOOPS
+    from test_presets import DOUBTS
+
     asked = int(sys.argv[1]) if len(sys.argv) > 1 else 200
     for b, degree, _ in DESIGNS:
         for step in (1e-2, 1e-3, 1e-4):
             for done in settled(b, degree, step):
                 judged(b, done)
     print(f"{len(DESIGNS)} laws slide at every step")
+    for name, loop in LOOPS.items():
+        said = simulate(loop).doubts()
+        assert bool(said) == (name in DOUBTS), (name, said)
+    print(f"of {len(LOOPS)} presets {len(DOUBTS)} raise a doubt, as proved")
     wrong = doubtful(asked)
     for loop, said in wrong:
         print(loop, *said, "", sep="\n")

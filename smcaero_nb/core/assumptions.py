@@ -87,7 +87,7 @@ def doubts(run: "Run") -> list[str]:
     it is 2 % larger at the end than at the beginning of the tail, and was never as large before. The
     actuator is at its limit where it gives its minimum or maximum of the run, less than it is asked
     for, and would not give more if it were asked for twice as much; without an actuator, where u
-    reaches a bound of its metadata: at 5 % of 50 rows of the tail, or more.
+    reaches a bound of its metadata: at 5 % of 100 rows of the tail, or more.
     """
     names = [f"{n}: " for n in getattr(run.loop.stages["law"], "parts", ())] or [""]
     of_laws = ("; ".join(filter(None, q)) for q in zip(_assumed(run), _moving(run), strict=True))

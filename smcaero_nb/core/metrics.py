@@ -69,7 +69,7 @@ class Metrics:
     -----
     `iae` is of every step of the run. `rms_e`, `ise`, `energy_u` and the figures of a step are of
     the recorded rows: exact to a row in time, and what happens between rows counts as on them.
-    `limit_time` is of 50 rows.
+    `limit_time` is of 100 rows.
     """
 
     J_e: Any

@@ -16,6 +16,7 @@ __all__ = ["UNFIT", "degree", "laws", "perturbation", "slope", "true_sigma"]
 
 SIDE = 200  # 1/SIDE of the rows on either side of one count where derivatives are estimated
 UNFIT = "v does not match sigma"
+FEWEST = 20  # rows to differentiate
 SURE = 6.0  # standard deviations of an estimated xi
 MOST = 6  # differences that sigma may be made of, and one
 JUMP = 8.0  # times as far as its neighbours, and a step is a jump of the command
@@ -45,7 +46,7 @@ def perturbation(run: "Run") -> tuple[Any, str, list[float]]:
     Between rows it is averaged. Where the control sees estimates or a sensor, sigma is made of the
     true error instead, its missing derivatives being differences of recorded rows, and xi is the
     slope of sigma^(r-1) + int v over 1 % of the rows: what a differentiator or noise adds to sigma
-    moves nothing.
+    moves nothing. The slope is taken, too, where sigma^(r-1) is a difference of samples.
     """
     stages = run.loop.stages
     if stages["law"] is None:
@@ -56,13 +57,17 @@ def perturbation(run: "Run") -> tuple[Any, str, list[float]]:
     if why:
         return None, why, []
     seen, mean, found, errors = sigma is not run.sigma, _averaged(run), [], []
-    for b, s, w, integral in _channels(stages["law"], sigma, run.v, run.integral_v):
+    e = run.e_hat
+    nested = isinstance(e, tuple) and isinstance(e[0], tuple)
+    for c, (b, s, w, integral) in enumerate(
+            _channels(stages["law"], sigma, run.v, run.integral_v)):
         parts, r = flat(s), degree(b, s, w)
         many = isinstance(w, tuple)
         if many and len(parts) != len(flat(w)) or not many and len(parts) < r:
             return None, UNFIT, []
         s, w, integral = ((parts, w, integral) if many else ([parts[r - 1]], [w], [integral]))
-        if seen:
+        differs = not many and r > len(flat(e[c] if nested else e))
+        if seen or differs and len(run.t) >= FEWEST:
             made = [_sloped(run, r, *q) for q in zip(s, w, integral, strict=True)]
             xi, unsure = tuple(q for q, _ in made), max(q for _, q in made)
         elif mean is None:
@@ -149,8 +154,8 @@ def true_sigma(run: "Run") -> tuple[Any, str]:
     """Return sigma of the true error, where the control sees another one; or why there is none."""
     if not (run.loop.stages["differentiator"] or run.loop.stages["sensor"]):
         return run.sigma, ""
-    if len(run.t) < 20:
-        return None, "the run has fewer than 20 rows, too few to differentiate the error"
+    if len(run.t) < FEWEST:
+        return None, f"the run has fewer than {FEWEST} rows, too few to differentiate the error"
     try:
         return _true(run), ""
     except Exception as why:  # a surface is anybody's

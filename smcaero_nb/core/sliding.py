@@ -32,7 +32,7 @@ PARTS, FALLS, SLOW = 5, 0.9, 0.005
 LEAD = 20  # samples in which a plant shows which way it is pushed
 STILL = 1e-3  # of |v|: a sigma' as small does not move sigma
 GROWS = 0.02  # of the gain: growth in the tail
-ROWS = 50  # at which the actuator and a band that changes are judged
+ROWS = 100  # at which the actuator and a band that changes are judged
 TINY = 1e-9
 
 
