@@ -84,7 +84,7 @@ def doubts(run: "Run") -> list[str]:
     sigma does not come to rest where it leaves the band of `reaching_time` in the tail and does not
     fall from each tenth of the run to the next, at last by a tenth or as steadily as before. The
     loop is latched where sigma then moves at less than a thousandth of |v|. A gain still grows if
-    it is 2 % larger at the end than at the beginning of the tail, and was never as large before. The
+    it is 2 % larger at the end than at the start of the tail, and was never as large before. The
     actuator is at its limit where it gives its minimum or maximum of the run, less than it is asked
     for, and would not give more if it were asked for twice as much; without an actuator, where u
     reaches a bound of its metadata: at 5 % of 100 rows of the tail, or more.

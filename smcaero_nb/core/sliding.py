@@ -119,7 +119,9 @@ def _motion(run: "Run", path: tuple, b: Any, sigma: Any, v: Any, xi: Any) -> Mot
     low, high = at(run.low.sigma, path), at(run.high.sigma, path)
     size, tail = np.maximum(np.abs(low), np.abs(high)), tail_rows(run)
     t, last = run.t[tail], size[tail]
-    speed = _speed(run, path, tail, b, sigma, v, xi)
+    crosses = bool(low[tail].min() < 0.0 < high[tail].max())
+    flips = crosses and isinstance(getattr(b, "card", None), Law) and not b.card.continuous
+    speed = _speed(run, path, tail, sigma, v, xi, flips)
     estimated = bool(run.loop.stages["differentiator"] or run.loop.stages["sensor"])
     move = speed*_samples(run, path, b, sigma, v) + (ROUGH if estimated else FLOOR)*size.max()
     if estimated and isinstance(sigma, np.ndarray) and (true := run.true_sigma) is not None:
@@ -131,7 +133,6 @@ def _motion(run: "Run", path: tuple, b: Any, sigma: Any, v: Any, xi: Any) -> Mot
         own = np.array([b.band(q, b.values) for q in t[some].tolist()])
         held = np.searchsorted(some, np.arange(len(t)), "right") - 1
         bands, near = bands + b.card.within*own[held], move + own[-1]
-    crosses = bool(low[tail].min() < 0.0 < high[tail].max())
     push = 0.0 if v is None or isinstance(v, tuple) else float(np.abs(v[tail]).min())
     return Motion(size, float(last.max()), float(bands.min()),
                   max(2.0*float(last.max()), float(near)), bool((last <= bands).all()),
@@ -146,13 +147,14 @@ def _falls(size: np.ndarray) -> bool:
                 and (parts[-1] < FALLS*parts[-2] or steps[-1] > 0.5*steps.mean()))
 
 
-def _speed(run: "Run", path: tuple, tail: slice, b: Any, sigma: Any, v: Any, xi: Any) -> float:
-    """Greatest |sigma'| of the tail."""
+def _speed(run: "Run", path: tuple, tail: slice, sigma: Any, v: Any, xi: Any,
+           flips: bool) -> float:
+    """Greatest |sigma'| of the tail; of a v that flips between rows, that when it does."""
     if isinstance(sigma, tuple) and len(sigma) > 1:
         rate = (*path[:-1], path[-1] + 1)
         return float(max(np.abs(at(q, rate)[tail]).max() for q in (run.low.sigma, run.high.sigma)))
     if xi is not None:
-        rate = np.abs(xi - v)[tail]
+        rate = np.abs(xi[tail]) + np.abs(v[tail]).max() if flips else np.abs(xi - v)[tail]
     else:
         s = at(run.sigma, path)
         rate = np.abs(np.diff(s, prepend=s[:1])/np.diff(run.t, prepend=-run.tau))[tail]
