@@ -294,6 +294,16 @@ def test_a_dual_layer_gain_that_cannot_follow_is_named(r_0, omega):
     assert run.metrics().reaching_time == math.inf
 
 
+@pytest.mark.parametrize(("r", "r_0", "omega"), [(2, 0.2, 5.0), (2, 0.5, 10.0), (2, 1.0, 20.0),
+                                                 (3, 0.2, 5.0), (3, 0.5, 10.0)])
+def test_an_adaptive_continuous_gain_that_cannot_follow_is_named(r, r_0, omega):
+    loop = perturbed_chain(hosmc.adaptive_continuous(r), r).with_(
+        perturbation__omega=omega, perturbation__xi_1=5.0, law__gamma=0.0, law__r_0=r_0,
+        law__L=omega)
+    said, = simulate(loop, dt=1e-3, jit=False).doubts()
+    assert "|xi''| reaches" in said and f"alpha beta_0 (r_0 + r) = {0.88*r_0:.3g} [v]/s^2" in said
+
+
 # ---- xi where sigma is estimated -----------------------------------------------------------------
 @block
 def alone(x):

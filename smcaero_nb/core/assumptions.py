@@ -87,7 +87,9 @@ def doubts(run: "Run") -> list[str]:
     it is 2 % larger at the end than at the start of the tail, and was never as large before. The
     actuator is at its limit where it gives its minimum or maximum of the run, less than it is asked
     for, and would not give more if it were asked for twice as much; without an actuator, where u
-    reaches a bound of its metadata: at 5 % of 100 rows of the tail, or more.
+    reaches a bound of its metadata: at 5 % of 100 rows of the tail, or more. Where sigma keeps its
+    sign, the plant is led on from the last row with a little more of v, which has to move the error
+    down; otherwise the gain has the wrong sign.
     """
     names = [f"{n}: " for n in getattr(run.loop.stages["law"], "parts", ())] or [""]
     of_laws = ("; ".join(filter(None, q)) for q in zip(_assumed(run), _moving(run), strict=True))
@@ -144,11 +146,12 @@ def _moving(run: "Run") -> list[str]:
                 and not found[j].rests and not found[j].approaches]
         lost = ways if run.diverged_at is None else []
         adapts = b.card.adapts if isinstance(b.card, Law) else None
-        if lost and adapts and xi is not None and (why := _outrun(run, b, adapts, xi, i)):
-            lost.append(why)
         if any(not found[j].crosses for j in mine) and ways and backwards(run):
             lost.append("more of v moves sigma up, not down: the gain has the wrong sign")
-        if k is not None and growing(run, k):
+        grows = k is not None and growing(run, k)
+        if (lost or grows) and adapts and xi is not None:
+            lost += filter(None, [_outrun(run, b, adapts, xi, i)])
+        if k is not None and grows:
             first = k[tail_rows(run).start - 1]
             lost.append(f"{symbol} still grows at the end: {k[-1]:.3g}, "
                         f"{100.0*(k[-1]/first - 1.0):.0f} % more than at the beginning of the tail")

@@ -163,7 +163,7 @@ def reaching_time(run: "Run", band: float | None = None) -> list[float | None]:
     - what sampling allows: as far as sigma moves, at the greatest \|sigma'\| of the tail, in
       5 2^(p-1) samples, p the order of sliding (5, 10, 20, 40 for p = 1 to 4); behind a
       differentiator with n outputs in 3^n or 3^p, whichever is more; and in the loop's latency;
-    - 1e-9 of the maximum \|sigma\|; where sigma is estimated or behind a sensor, 2e-3, and twice
+    - 1e-5 of the maximum \|sigma\|; where sigma is estimated or behind a sensor, 2e-3, and twice
       what the estimate of a sliding variable is wrong by, at most 5 %;
 
     and if the gain that an adaptive law adapts does not still grow. The reaching time is then that

@@ -24,7 +24,7 @@ __all__ = ["Motion", "at_limit", "backwards", "gains", "growing", "motions", "ro
 
 LAST = 0.2  # of the run: its tail, where `simulate` made none
 SAMPLES, ESTIMATED = (5.0, 2.0), (3.0, 3.0)  # see `reaching_time`
-FLOOR, ROUGH = 1e-9, 2e-3  # of the maximum |sigma|: that is zero; where it is estimated
+FLOOR, ROUGH = 1e-5, 2e-3  # of the maximum |sigma|: that is zero; where it is estimated
 WRONG = 0.05  # of the maximum |sigma|: as much of what an estimate is wrong by is excused
 # A sigma that still approaches zero falls by SLOW at least from part to part of the second half,
 # and at last to FALLS, or as steadily as before.
