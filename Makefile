@@ -14,12 +14,13 @@ CHROMIUM ?= $(shell command -v chromium || command -v chromium-browser || comman
 # Its version is pinned: it need not ask the network for a newer one.
 export PYRIGHT_PYTHON_IGNORE_WARNINGS := 1
 
-.PHONY: help lab test test-oldest browser-test bench clean
+.PHONY: help lab test test-oldest browser-test study bench clean
 help:
 	@echo 'make lab            open JupyterLab on the start page   (ARGS="--no-browser --port=8899" is passed on)'
 	@echo 'make test           check style, run the unit tests and every notebook      (ARGS="-k surface" likewise)'
 	@echo 'make test-oldest    run the unit tests and every notebook at the oldest supported versions'
 	@echo 'make browser-test   drive the notebooks in a real browser (needs Chromium)'
+	@echo 'make study          run what the tests leave out: all laws, presets and seeded designs'
 	@echo 'make bench          measure the simulation against C'
 	@echo 'make clean          remove the environments and everything else that these commands made'
 	@echo
@@ -52,6 +53,9 @@ browser-test: $(VENV)/.ready
 	    or name it with CHROMIUM=/path/to/chromium))
 	@echo 'Driving JupyterLab in $(CHROMIUM) ...'
 	@CHROMIUM='$(CHROMIUM)' $(BIN)/python -m pytest -m browser tests/browser -s $(ARGS)
+
+study: $(VENV)/.ready
+	@$(BIN)/python tests/designs.py $(ARGS)
 
 bench: $(VENV)/.ready
 	@echo 'Measuring; leave the machine alone for a minute ...'

@@ -216,7 +216,9 @@ def test_a_start_beyond_the_limits_is_said(picture):
     assert alone.run is None
     assert flight(alone).figure.data == () and not plot(simulate(far)).data[0].x.size
     both.wait()
-    assert both.status == "far diverged at 0 s: the start is beyond the limits of the plant"
+    first, second = both.status.split("\n")
+    assert first == "far diverged at 0 s: the start is beyond the limits of the plant"
+    assert second.startswith("near: u[1] is at the limit of the actuator for")
     assert both.figure.data
     with pytest.raises(ParameterError, match="flight: the run is not allowed; it must have rows"):
         flight(simulate(far))
@@ -225,13 +227,14 @@ def test_a_start_beyond_the_limits_is_said(picture):
 
 
 def test_tail_figures_of_a_flight_that_ended_before_its_tail_are_unknown():
-    """Not the greatest values of the whole flight, and not a reaching time of 0."""
+    """Not the greatest values of the flight; whether sigma rests, its own last fifth says."""
     run = simulate(rpl.loop("adaptive_smc", "paper"))
     m = run.metrics()
     assert run.stopped_at < 100.0 and run.tail == 0.0
-    assert np.isnan([*m.tail_e, *m.tail_sigma, *m.reaching_time, *m.variation_u]).all()
+    assert np.isnan([*m.tail_e, *m.tail_sigma, *m.variation_u]).all()
     assert np.isfinite([*m.J_e, *m.max_u]).all()
-    assert "reaching time" not in smc.ui.curves.metrics_html(run)
+    assert m.reaching_time == (math.inf, math.inf)
+    assert "reaching time <b>not reached, not reached</b>" in smc.ui.curves.metrics_html(run)
     assert "tail" not in smc.ui.curves.metrics_html(run)
     assert "–" in comparison_html({"paper": run})
     assert smc.core.reaching_time(run, 1e9) == [0.0, 0.0]

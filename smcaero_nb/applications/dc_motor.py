@@ -281,8 +281,8 @@ _speed = dict(
     _angle, sign_smc=sign_smc.with_(rho=2200.0), quasi_smc=quasi_smc.with_(rho=2200.0, eps=0.5),
     super_twisting=super_twisting.with_(lam=210.0, beta=2.2e4),
     quasi_continuous=hosmc.quasi_continuous(2).with_(alpha=2.0, L=1500.0),
-    levant2005=hosmc.quasi_continuous(2, "levant2005").with_(alpha=1.7, L=1700.0),
-    nested=hosmc.nested(2).with_(alpha=1.5, L=1700.0))
+    levant2005=hosmc.quasi_continuous(2, "levant2005").with_(alpha=2.0, L=1450.0),
+    nested=hosmc.nested(2).with_(alpha=1.6, L=1600.0))
 
 
 def _scenario(what, output, height, laws, around):

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from .assumptions import degree, laws
 from .leaves import Leaf, at
 from .loop import ClosedLoop
 from .param import ParameterError, function, positive, refused, several
+from .perturbation import degree, laws
 from .run import Run
 from .simulate import simulate, timed
 

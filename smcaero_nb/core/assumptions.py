@@ -1,4 +1,4 @@
-"""Assumptions of a law's theorem about the perturbation, and the perturbation of a run."""
+"""What speaks against a run: assumptions of its law's theorem, a sigma that does not rest."""
 
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
@@ -6,19 +6,22 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .block import Block
+from .card import Law
 from .growth import step_doubts
 from .param import switch, texted
-from .signal import flat
+from .perturbation import UNFIT, laws, slope
+from .sliding import at_limit, backwards, gains, growing, rows_of, tail_rows
 from .zeros import zero_doubts
 
 if TYPE_CHECKING:
     from .run import Run
 
-__all__ = ["degree", "doubts", "exceeds", "laws", "perturbation"]
+__all__ = ["doubts", "exceeds"]
 
 Condition = Callable[[dict[str, Any], float, float], str | None]
 ROWS = 50  # at which an allocation's condition is checked
 MARGIN = 1.001  # relative tolerance of the bound
+SHARE = 0.05  # of the tail: an actuator at its limit for less is not worth a word
 
 
 def exceeds(name: str, symbol: str = "|xi|", rate: bool = False) -> Condition:
@@ -55,92 +58,131 @@ def exceeds(name: str, symbol: str = "|xi|", rate: bool = False) -> Condition:
     return condition
 
 
-def laws(run: "Run") -> list[tuple[Block, Any, Any, Any]]:
-    """Return (block, sigma, v, integral of v) of the law, channel by channel."""
-    return _channels(run.loop.stages["law"], run.sigma, run.v, run.integral_v)
-
-
-def _channels(law: Any, sigma: Any, v: Any, integral: Any) -> list[tuple[Block, Any, Any, Any]]:
-    if not hasattr(law, "parts"):
-        return [(law, sigma, v, integral)]
-    return list(zip(law.parts.values(), sigma, v, integral, strict=True))
-
-
 def _row(s: Any, i: int) -> Any:
     """A recorded signal at one row."""
     return tuple(_row(q, i) for q in s) if isinstance(s, tuple) else float(s[i])
 
 
-def degree(b: Block, sigma: Any, v: Any) -> int:
-    """Return the relative degree that a law is for."""
-    return b.r or (1 if isinstance(v, tuple) else len(flat(sigma)))
-
-
-def perturbation(law: Any, t: np.ndarray, sigma: Any, v: Any, integral_v: Any, tau: float) -> Any:
-    r"""Return the perturbation that the law faces, xi = sigma^(r) + v, averaged between rows.
-
-    It includes all that the law does not know: the perturbation of the plant, errors of the model,
-    and the actuator's lag. Nested as v; None where v and sigma do not match, or where the run is
-    too short.
-    """
-    if len(t) < 3:
-        return None
-    sample = np.floor(t/tau + 1e-6)
-    kept = np.flatnonzero(np.diff(sample, prepend=-1.0) > 0)  # rows with a sample of their own
-    row = np.searchsorted(kept, np.arange(len(t)), "right") - 1
-    if len(kept) < 2:
-        return None
-    step = np.diff(sample[kept])*tau
-
-    def mean(s, integral):
-        xi = (np.diff(s[kept]) + np.diff(integral[kept]))/step
-        return np.append(xi[0], xi)[row]
-
-    found = []
-    for b, s, w, integral in _channels(law, sigma, v, integral_v):
-        parts, r = flat(s), degree(b, s, w)
-        if isinstance(w, tuple) and len(parts) == len(flat(w)):
-            found.append(tuple(map(mean, parts, integral)))
-        elif not isinstance(w, tuple) and len(parts) >= r:
-            found.append(mean(parts[r - 1], integral))
-        else:
-            return None
-    return tuple(found) if hasattr(law, "parts") else found[0]
-
-
 def doubts(run: "Run") -> list[str]:
-    r"""Return the assumptions of the law's convergence theorem that this run violates, in words.
+    r"""Return what speaks against this run as one that slides, in words.
 
     Returns
     -------
     list of str
-        Empty if all hold, if the law declares none (``Law(assumes=...)``), or if the run is too
-        short to tell.
+        Of each law: the assumption of its convergence theorem that the run violates
+        (``Law(assumes=...)``), that sigma does not come to rest, that the gain still grows; of each
+        input, that the actuator is at its limit. Empty if there is nothing to say, if the law is
+        not one of sliding mode control, or if the run is too short to tell.
 
     Notes
     -----
     The perturbation is `Run.xi`, computed from the run, in its second half: on the way to sigma = 0
     the plant itself may perturb more. A peak of a single row, as from a step in the command, does
-    not count. Changes faster than the recorded rows are averaged out.
+    not count. Changes faster than the recorded rows are averaged out. Where sigma is estimated and
+    no xi can be found, the reason is said.
+
+    sigma does not come to rest where it leaves the band of `reaching_time` in the tail and does not
+    fall from each tenth of the run to the next, at last by a tenth or as steadily as before. The
+    loop is latched where sigma then moves at less than a thousandth of |v|. A gain still grows if
+    it is 2 % larger at the end than at the start of the tail, and was never as large before. The
+    actuator is at its limit where it gives its minimum or maximum of the run, less than it is asked
+    for, and would not give more if it were asked for twice as much; without an actuator, where u
+    reaches a bound of its metadata: at 5 % of 100 rows of the tail, or more. Where sigma keeps its
+    sign, the plant is led on from the last row with a little more of v, which has to move the error
+    down; otherwise the gain has the wrong sign.
     """
-    law, allocation, said = run.loop.stages["law"], run.loop.stages["allocation"], []
-    said += step_doubts(run) + zero_doubts(run)
-    if getattr(allocation, "theorem", None):
-        rows = np.unique(np.linspace(0, len(run.t) - 1, ROWS).astype(int))
-        why = allocation.theorem(dict(allocation.values), [_row(run.y, i) for i in rows])
-        said += [why] if why else []
-    half = len(run.t)//2
-    if run.xi is None or half < 6:
-        return said
-    xis = run.xi if hasattr(law, "parts") else (run.xi,)
-    for (b, *_), xi, channel in zip(laws(run), xis, getattr(law, "parts", [""]), strict=True):
-        if b.theorem is None:
+    names = [f"{n}: " for n in getattr(run.loop.stages["law"], "parts", ())] or [""]
+    of_laws = ("; ".join(filter(None, q)) for q in zip(_assumed(run), _moving(run), strict=True))
+    said = [name + q for name, q in zip(names, of_laws, strict=True) if q]
+    return [*step_doubts(run), *zero_doubts(run), *_allocated(run), *said, *_limited(run)]
+
+
+def _allocated(run: "Run") -> list[str]:
+    """What an allocation assumes of the plant."""
+    allocation = run.loop.stages["allocation"]
+    if not getattr(allocation, "theorem", None):
+        return []
+    rows = np.unique(np.linspace(0, len(run.t) - 1, ROWS).astype(int))
+    why = allocation.theorem(dict(allocation.values), [_row(run.y, i) for i in rows])
+    return [why] if why else []
+
+
+def _assumed(run: "Run") -> list[str | None]:
+    """What the theorem of each law assumes of the perturbation, and the run violates."""
+    law, half = run.loop.stages["law"], len(run.t)//2
+    if law is None:
+        return [None]
+    known = half >= 6 and run.xi is not None
+    reason = f"xi is not known: {run.no_xi}" if half >= 6 and run.no_xi not in ("", UNFIT) else None
+    unsure = run._perturbation[2] if known else [0.0]*len(laws(run))
+    said = []
+    for (b, *_), xi, less in zip(laws(run), _each(run, run.xi if known else None), unsure,
+                                 strict=True):
+        if b.theorem is None or xi is None:
+            said.append(reason if b.theorem else None)
             continue
         xi = np.array(xi)[..., half:]
         rate = np.diff(xi)/np.diff(run.t[half:])
         size, rate = (np.abs(q) if q.ndim == 1 else np.sqrt((q*q).sum(axis=0)) for q in (xi, rate))
-        why = b.theorem(dict(b.values), np.minimum(size[1:], size[:-1]).max(),
-                        np.minimum(np.minimum(rate[2:], rate[1:-1]), rate[:-2]).max())
-        if why:
-            said.append(f"{channel}: {why}" if channel else why)
+        said.append(b.theorem(
+            dict(b.values), max(0.0, np.minimum(size[1:], size[:-1]).max() - less),
+            np.minimum(np.minimum(rate[2:], rate[1:-1]), rate[:-2]).max()))
     return said
+
+
+def _moving(run: "Run") -> list[str]:
+    """Where the sigma of each law does not come to rest, or its gain has not settled."""
+    if run.loop.stages["law"] is None:
+        return [""]
+    blocks = [q[0] for q in laws(run)]
+    if len(run.t) < 12:
+        return [""]*len(blocks)
+    leaves, found = [q for q in run.leaves("sigma") if not q.derivative], run._motions
+    said = []
+    for i, (b, (symbol, k), xi) in enumerate(
+            zip(blocks, gains(run), _each(run, run.xi), strict=True)):
+        mine = [i] if len(found) == len(blocks) else range(len(found))
+        ways = [found[j].said(leaves[j].key) for j in mine if isinstance(b.card, Law)
+                and not found[j].rests and not found[j].approaches]
+        lost = ways if run.diverged_at is None else []
+        adapts = b.card.adapts if isinstance(b.card, Law) else None
+        if any(not found[j].crosses for j in mine) and ways and backwards(run):
+            lost.append("more of v moves sigma up, not down: the gain has the wrong sign")
+        grows = k is not None and growing(run, k)
+        if (lost or grows) and adapts and xi is not None:
+            lost += filter(None, [_outrun(run, b, adapts, xi, i)])
+        if k is not None and grows:
+            first = k[tail_rows(run).start - 1]
+            lost.append(f"{symbol} still grows at the end: {k[-1]:.3g}, "
+                        f"{100.0*(k[-1]/first - 1.0):.0f} % more than at the beginning of the tail")
+        said.append("; ".join(lost))
+    return said
+
+
+def _each(run: "Run", xi: Any) -> list:
+    """The perturbation of each law; None where there is none."""
+    many = hasattr(run.loop.stages["law"], "parts")
+    return list(xi) if many and xi is not None else [xi]*len(laws(run))
+
+
+def _outrun(run: "Run", b: Block, adapts: Callable, xi: Any, i: int) -> str | None:
+    """Which condition of an adaptation fails."""
+    law, half = run.loop.stages["law"], len(run.t)//2
+    if isinstance(xi, tuple):
+        xi = np.sqrt(np.square(xi).sum(axis=0))
+    z = getattr(run.z.law, [*law.parts][i]) if hasattr(law, "parts") else run.z.law
+    left = {n: float(q[-1]) for n, q in vars(z).items() if isinstance(q, np.ndarray)}
+    once = slope(run.t, xi)
+    twice = slope(run.t, once)
+    return adapts(b.values | left, np.abs(once[half:]).max(), np.abs(twice[half:]).max())
+
+
+def _limited(run: "Run") -> list[str]:
+    """Where the actuator is at its limit in the tail."""
+    law = run.loop.stages["law"]
+    if law is None or len(run.t) < 12 or not any(isinstance(b.card, Law) for b, *_ in laws(run)):
+        return []
+    found = at_limit(run, rows_of(tail_rows(run)))
+    shares = [float(q.mean()) for q in found or ()]
+    return [f"{leaf.key} is at the limit of the actuator for {100.0*q:.0f} % of the tail"
+            for leaf, q in zip(run.leaves("u"), shares, strict=True) if q >= SHARE] if found else []

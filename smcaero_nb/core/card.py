@@ -54,6 +54,8 @@ class Card:
                 switch(owner, name, value)
             elif kind is str:
                 texted(owner, name, value)
+            elif kind is float:
+                Param(low=0.0).check(owner, name, value)
             elif kind == int | None and value is not None:
                 Param(low=1).check(owner, name, value, int)
             elif kind == Function:
@@ -87,12 +89,20 @@ class Law(Card):
         What its theorem assumes of the perturbation. It is given ``{name: value}`` and the maximum
         \|xi\| and \|xi'\| of a run, and returns None, or the sentence that says which condition
         does not hold; see `Run.doubts`.
+    adapts : function, optional
+        What its adaptation assumes, where that is sufficient but not necessary: it is asked only
+        where sigma does not come to rest or the gain still grows. It is given ``{name: value}``, states as the run left
+        them, and the largest \|xi'\| and \|xi''\|, and returns the like.
+    gain : str
+        The state that is the gain which it adapts; empty: none.
     describing : function, optional
         Its describing function: given ``{name: value}``, the amplitude of sigma and its frequency
         [rad/s], it returns the gain of the first harmonic; complex where v is not in phase.
     band : function, optional
         The size of sigma that it accepts, drawn in pictures. It is given a time and
         ``{name: value}``.
+    within : float
+        How many times its band sigma may be, and is still where its theorem allows it.
     source : tuple of Source
         Where it was published.
     """
@@ -107,8 +117,11 @@ class Law(Card):
     needs: str = ""
     guarantees: str = ""
     assumes: Function = None
+    adapts: Function = None
+    gain: str = ""
     describing: Function = None
     band: Function = None
+    within: float = 1.0
 
 
 class Baseline(Card):

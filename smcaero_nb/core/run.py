@@ -12,12 +12,14 @@ from typing import TYPE_CHECKING, Any, Literal, TextIO
 
 import numpy as np
 
-from .assumptions import doubts, perturbation
+from .assumptions import doubts
 from .leaves import Leaf, at, heads, leaves_of, named
 from .metrics import Metrics, metrics
 from .param import refused
+from .perturbation import perturbation, true_sigma
 from .program import Program
 from .signal import filled, shape
+from .sliding import Motion, motions
 from .stages import SIGNALS, STAGES
 
 if TYPE_CHECKING:
@@ -48,10 +50,6 @@ class Run:
     low, high : namespace
         Minimum and maximum of `sigma` and `u` since the previous row: how far chattering goes
         between rows.
-    xi : ndarray, nested tuple of ndarray, or None
-        The perturbation that the law faces, sigma^(r) + v, averaged since the previous row: all
-        that the law does not know. Nested as `v`; None where there is no law, or where its v does
-        not match sigma.
     integral_v : ndarray, nested tuple of ndarray, or None
         Running integral of `v` up to the latest sample.
     mean_e, mean_v, mean_u : float or nested tuple
@@ -101,7 +99,6 @@ class Run:
     probe: Any
     low: Any
     high: Any
-    xi: Any
     integral_v: Any
     mean_e: Any
     mean_v: Any
@@ -130,6 +127,43 @@ class Run:
     def _leaves(self) -> dict[str, tuple[Leaf, ...]]:
         # not those of the program: loops that differ in units alone share it
         return named(self.loop, self._shapes)
+
+    @functools.cached_property
+    def _perturbation(self) -> tuple[Any, str, list[float]]:
+        return perturbation(self)
+
+    @functools.cached_property
+    def _true(self) -> tuple[Any, str]:
+        return true_sigma(self)
+
+    @functools.cached_property
+    def _motions(self) -> list[Motion]:
+        return motions(self)
+
+    @property
+    def true_sigma(self) -> Any:
+        """`sigma` of the true error r - y, where the control sees estimates or a sensor.
+
+        Derivatives that are not measured are differences of recorded rows. Elsewhere it is `sigma`;
+        None where it cannot be found.
+        """
+        return self._true[0]
+
+    @property
+    def xi(self) -> Any:
+        """The perturbation that the law faces, sigma^(r) + v: all that the law does not know.
+
+        Nested as `v`, and averaged since the previous row; where the control sees estimates or a
+        sensor, it is found of the true error r - y, and averaged over 1 % of the rows: what they
+        add to sigma is not a motion of the plant. None where there is no law, or for the reason in
+        `no_xi`.
+        """
+        return self._perturbation[0]
+
+    @property
+    def no_xi(self) -> str:
+        """Why there is no `xi`; empty where there is one, or no law."""
+        return self._perturbation[1]
 
     def leaves(self, signal: str) -> tuple[Leaf, ...]:
         """Describe each number of a signal: ``run.leaves("e")``.
@@ -273,10 +307,7 @@ def result(loop: "ClosedLoop", program: Program, rec: np.ndarray, end: dict[str,
            for n in ("variation", "turns")},
         variation_u=signal("u", end.__getitem__, "variation_"))
     t, tau = columns["t"], m*dt
-    xi = None
-    if law:
-        xi = perturbation(loop.stages["law"], t, signals["sigma"], signals["v"], integral, tau)
-    return Run(loop=loop, t=t, tau=tau, dt=dt, method=method, steps=k, xi=xi,
+    return Run(loop=loop, t=t, tau=tau, dt=dt, method=method, steps=k,
                tail=max(k - k_tail, 0)*dt,
                ended="diverged" if diverged else "stopped" if stopped else "done",
                stopped_at=k*dt if stopped else None, diverged_at=k*dt if diverged else None,

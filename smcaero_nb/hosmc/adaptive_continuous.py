@@ -142,7 +142,18 @@ DOC = r"""Adaptive continuous sliding mode control, relative degree {r}.
     """
 
 
-ADAPTIVE = Law(sees="derivatives", adaptive=True, continuous=True,
+def follows(values, dxi, ddxi):
+    """Say that L is too slow for the perturbation."""
+    speed = values["alpha"]*values["beta_0"]*(values["r_0"] + values["r"])
+    if ddxi > speed:
+        return (f"|xi''| reaches {ddxi:.3g}, more than L can follow, "
+                f"alpha beta_0 (r_0 + r) = {speed:.3g} [v]/s^2")
+    if dxi > values["beta_0"]*values["L"]:
+        return (f"|xi'| reaches {dxi:.3g}, more than beta_0 L = "
+                f"{values['beta_0']*values['L']:.3g} [v]/s at the end")
+
+
+ADAPTIVE = Law(sees="derivatives", adaptive=True, continuous=True, gain="L", adapts=follows,
                needs="that |xi'| and |xi''| are bounded",
                guarantees="sigma and its derivatives are 0 after a finite time",
                source=(KODE, EDWARDS_2016, BHAT_2005))

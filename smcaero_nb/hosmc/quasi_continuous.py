@@ -94,6 +94,9 @@ FAMILIES = {
         5: (levant_5, 50.0, "b = (0.35, 0.8, 1.8, 5)"),
     },
 }
+#: The smallest alpha that settled in every trial.
+LEAST = {"rational": {1: 1.0, 2: 2.0, 3: 5.0, 4: 12.0, 5: 30.0},
+         "levant2005": {1: 1.0, 2: 2.0, 3: 9.0, 4: 14.0, 5: 40.0}}
 RECURSION = (r"\Psi_0 = \mathrm{sign}(s_0),\quad N_0 = |s_0|,\quad "
              r"a_i = b_i N_{i-1}^{(r-i)/(r-i+1)},\quad "
              r"N_i = |s_i| + a_i,\quad \Psi_i = \frac{s_i + a_i\Psi_{i-1}}{N_i},\quad "
@@ -165,6 +168,6 @@ def quasi_continuous(r: int, family: str = "rational") -> Block:
     source = ("S. Ding, A. Levant and S. Li, Automatica 67 (2016) 22." if rational
               else "A. Levant, IEEE Trans. Automatic Control 50 (2005) 1812.")
     return law(f"quasi_continuous_{r}" if rational else f"levant2005_{r}", r, psi, alpha,
-               QUASI_CONTINUOUS, title="Quasi-continuous sliding mode control",
+               LEAST[family][r], QUASI_CONTINUOUS, title="Quasi-continuous sliding mode control",
                equation=equation if rational or r < 3 else RECURSION + equation, notes=notes,
                references=f"Paper eq (27). {source}")

@@ -42,6 +42,7 @@ def accepted(t, values):
 
 
 @block(card=Law(r=1, adaptive=True, needs="that |xi| is bounded", band=accepted,
+                gain="rho",
                 guarantees="|sigma| of the size of the dead band", source=(KODE,)),
        check=ordered, output=Param("v"), state=dict(
     rho=(0.08, Param(r"\rho(0)", "[v]", low=0.0, slider=(0.0, 3.0), help="initial gain")),

@@ -20,7 +20,13 @@ Delta = Annotated[float, Param(r"\delta", "[sigma]", low=0.0, log=True, slider=(
 GAIN = dict(rho=(0.1,
                  Param(r"\rho(0)", "[v]", low=0.0, help="gain to start with", slider=(0.0, 10.0))))
 
-GROWING = Law(r=1, adaptive=True, needs="that |xi| is bounded",
+
+def accepted(t, values):
+    """Return the accepted size of sigma."""
+    return values["delta"]
+
+
+GROWING = Law(r=1, adaptive=True, needs="that |xi| is bounded", gain="rho", band=accepted,
               guarantees="|sigma| <= delta after a finite time", source=(KODE, HUANG_2008))
 
 

@@ -36,7 +36,21 @@ LAYERS = dict(k=(0.1, Param("k(0)", "[v]", low=0.0, help="gain to start with", s
                        slider=(0.0, 10.0))))
 V_EQ = Param(r"\bar v_{eq}(0)", "[v]", help="equivalent control to start with", slider=(-2.0, 2.0))
 
-FOLLOWING = Law(order=1, r=1, adaptive=True,
+
+def follows(values, dxi, ddxi):
+    """Say that k is too slow for the perturbation."""
+    speed = values["alpha"]*(values["r_0"] + values["r"])
+    if dxi > speed:
+        return (f"|xi'| reaches {dxi:.3g}, more than k can follow, "
+                f"alpha (r_0 + r) = {speed:.3g} [v]/s")
+
+
+def layer(t, values):
+    """Return the width of the boundary layer."""
+    return values["width"]
+
+
+FOLLOWING = Law(order=1, r=1, adaptive=True, gain="k", adapts=follows,
                 needs="that |xi'| is bounded, and gamma large enough for its bound",
                 guarantees="sigma = 0 after a finite time", source=(KODE, EDWARDS_2014))
 VECTOR = replace(FOLLOWING, channels=True)
@@ -123,7 +137,8 @@ def dual_layer_smc(sigma, z, tau, eta: Eta = 0.05, alpha: Alpha = 0.9, eps: Eps 
 
 
 @block(state={**LAYERS, "v_eq": (0.0, V_EQ)}, output=Param("v"), check=within,
-       card=replace(FOLLOWING, order=None, continuous=True, guarantees=LAYERED.guarantees))
+       card=replace(FOLLOWING, order=None, continuous=True, guarantees=LAYERED.guarantees,
+                    band=layer, within=LAYERED.within))
 def dual_layer_quasi_smc(sigma, z, tau, eta: Eta = 0.05, alpha: Alpha = 0.9, eps: Eps = 0.2,
                          r_0: R0 = 0.5, gamma: Gamma = 5.0, delta_0: Delta0 = 0.05,
                          tau_f: Filter = 0.01, width: Layer = 0.01):

@@ -17,7 +17,15 @@ Layer = Annotated[float, Param(r"\varepsilon", "[sigma]", low=1e-9, log=True, sl
                                help="boundary layer: smaller is more accurate and less smooth")]
 RELAY = Law(order=1, r=1, needs="the bound of |xi|", guarantees="sigma = 0 after a finite time",
             assumes=exceeds("rho"))
-LAYERED = replace(RELAY, order=None, continuous=True,
+
+
+def layer(t, values):
+    """Return the width of the boundary layer."""
+    return values["eps"]
+
+
+# sigma is within 19 eps, or 1.84 eps, where |v| is less than 95 % of rho
+LAYERED = replace(RELAY, order=None, continuous=True, band=layer, within=19.0,
                   guarantees="sigma within a boundary layer after a finite time")
 
 
@@ -113,7 +121,8 @@ def quasi_smc(sigma, rho: Rho = 2.0, eps: Layer = 0.1):
     return rho*sigma/(abs(sigma) + eps)
 
 
-@block(output=Param("v"), card=replace(LAYERED, describing=saturated, source=(SLOTINE_1991,)))
+@block(output=Param("v"), card=replace(LAYERED, within=1.0, describing=saturated,
+                                        source=(SLOTINE_1991,)))
 def saturation_smc(sigma, rho: Rho = 2.0, eps: Layer = 0.1):
     r"""Continuous (quasi) sliding mode control, saturation.
 
@@ -150,7 +159,7 @@ def saturation_smc(sigma, rho: Rho = 2.0, eps: Layer = 0.1):
     return rho*(1.0 if q > 1.0 else -1.0 if q < -1.0 else q)
 
 
-@block(output=Param("v"), card=replace(LAYERED, source=(EDWARDS_1998,)))
+@block(output=Param("v"), card=replace(LAYERED, within=1.84, source=(EDWARDS_1998,)))
 def tanh_smc(sigma, rho: Rho = 2.0, eps: Layer = 0.1):
     r"""Continuous (quasi) sliding mode control, hyperbolic tangent.
 

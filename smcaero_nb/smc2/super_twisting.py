@@ -108,8 +108,14 @@ Growth = Annotated[float,
                          help="growth below the minimum gain")]
 
 
+def accepted(t, values):
+    """Return the accepted size of sigma."""
+    return values["mu"]
+
+
 @block(state=dict(lam=(1.0, LAM_0), w=(0.0, W)), output=Param("v"),
-       card=Law(r=1, adaptive=True, continuous=True, needs="that |xi'| is bounded",
+       card=Law(r=1, adaptive=True, continuous=True, needs="that |xi'| is bounded", gain="lam",
+                band=accepted, within=12.0,
                 guarantees="|sigma| of the size of mu after a finite time",
                 source=(KODE, SHTESSEL_2012, LEVANT_1993)))
 def adaptive_super_twisting(sigma, z, tau, gamma: Speed = 20.0, mu: Accepted = 1e-3,

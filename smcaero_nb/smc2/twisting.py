@@ -5,6 +5,7 @@ from collections import namedtuple
 from typing import Annotated
 
 from ..core import Param, block, exceeds
+from ..core.assumptions import MARGIN
 from ..core.card import Law
 from ..core.param import positive
 from ..core.signal import sign
@@ -40,8 +41,17 @@ def converges(values):
 
 
 def assumed(values, xi, dxi):
-    """Say which assumption of the theorem fails."""
-    return exceeds("L", "|xi'|", rate=True)(values, xi, dxi) or exceeds("v_M")(values, xi, dxi)
+    """Say which assumption of the theorem fails: (23) with what xi' is, and v_M > |xi|."""
+    least = min(values["alpha_2"], values["alpha_1"] - values["alpha_2"])
+    if dxi > MARGIN*least:
+        return (f"|xi'| reaches {dxi:.3g}, more than min(alpha_2, alpha_1 - alpha_2) = "
+                f"{least:.3g} [v]/s")
+    return exceeds("v_M")(values, xi, dxi)
+
+
+def accepted(t, values):
+    """Return the size of sigma that makes V as large as is accepted."""
+    return math.sqrt(values["mu"])
 
 
 def described(values, a, omega):
@@ -141,7 +151,8 @@ Weight = Annotated[float,
        card=Law(r=1, sees="derivatives", adaptive=True, continuous=True,
                 needs="the bound of |xi|, and that |xi'| is bounded",
                 guarantees="|sigma| of the size of sqrt(mu) after a finite time",
-                assumes=exceeds("v_M"), source=(KODE, SHTESSEL_2017, LEVANT_1993)))
+                assumes=exceeds("v_M"), gain="alpha_1", band=accepted, within=3.0,
+                source=(KODE, SHTESSEL_2017, LEVANT_1993)))
 def adaptive_twisting(sigma, z, tau, gamma: Speed = 20.0, mu: Accepted = 1e-4,
                       alpha_min: Least = 0.1, eta: Growth = 1.0, c: Weight = 0.02,
                       v_M: Limit = 6.0):

@@ -18,6 +18,7 @@ from .text import (
     alternative,
     measure,
     plain,
+    reached,
     said_html,
     shown,
     symbol,
@@ -453,8 +454,8 @@ def metrics_html(run: Run) -> str:
             "max |u|": _measure(m.max_u, u), "tail |e|": _measure(m.tail_e, e)}
     if run.loop.stages["surface"]:
         said["tail |σ|"] = _measure(m.tail_sigma, sigma, _plain)
-    if run.loop.stages["law"]:
-        said["reaching time"] = measure(m.reaching_time, 1.0, "s")
+    if m.reaching_time is not None:
+        said["reaching time"] = reached(m.reaching_time)
     said["chattering"] = f"{_measure(m.variation_u, u, _per_second)}, {measure(m.turns_u, 1.0, 'reversals/s')}"
     spans = "".join(f"<span>{n} <b>{v}</b></span>" for n, v in said.items()
                     if not v.startswith(UNKNOWN))
@@ -470,7 +471,7 @@ def comparison_html(runs: Mapping[str, Run]) -> str:
         m, sigma, u = run.metrics(), flat(run.loop.metadata("sigma") or Param())[0], flat(run.loop.metadata("u") or Param())[0]
         v = flat(run.loop.metadata("v") or Param())[0] or Param()
         factor, unit = shown(u or Param())
-        values = (measure(m.reaching_time, 1.0, "s"), measure(m.tail_sigma, 1.0, (sigma or Param()).unit),
+        values = (reached(m.reaching_time), measure(m.tail_sigma, 1.0, (sigma or Param()).unit),
                   measure(tuple(flat(run.mean_v if run.mean_v is not None else math.nan)), 1.0, v.unit),
                   measure(m.variation_u, factor, f"{unit}/s"), measure(m.turns_u, 1.0, "1/s"), *[verdict_html(run)]*judged)
         cells = "".join(f"<td>{q}</td>" for q in values)

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from ..core import Param, Run
-from ..core.assumptions import degree, laws
 from ..core.leaves import at
+from ..core.perturbation import degree, laws
 from ..core.signal import flat
 from .between import once, parted
 

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from ..core import Run
-from ..core.assumptions import perturbation
 
 __all__ = ["joined", "thinned", "window"]
 
@@ -27,11 +26,8 @@ def _each(f: Callable, *nested: Any) -> Any:
 
 
 def _with(run: Run, t: np.ndarray, rows: dict[str, Any]) -> Run:
-    """A run with other rows; xi is averaged between them."""
-    law, xi = run.loop.stages["law"], None
-    if law:
-        xi = perturbation(law, t, rows["sigma"], rows["v"], rows["integral_v"], run.tau)
-    return replace(run, t=t, xi=xi, **rows)
+    """A run with other rows; its xi is averaged between them."""
+    return replace(run, t=t, **rows)
 
 
 def thinned(run: Run, rows: int) -> Run:

@@ -15,8 +15,8 @@ from ..core import BlockError, Param, ParameterError, Run
 from ..core.signal import flat
 
 __all__ = ["UNKNOWN", "alternative", "doc_html", "doubts_text", "label", "measure", "plain",
-           "result_html", "said_html", "shown", "symbol", "unit_html", "unmarked", "why_diverged",
-           "why_not"]
+           "reached", "result_html", "said_html", "shown", "symbol", "unit_html", "unmarked",
+           "why_diverged", "why_not"]
 
 LETTERS = dict(zip(
     "alpha beta gamma delta epsilon varepsilon zeta eta theta vartheta iota kappa lambda mu nu xi "
@@ -174,6 +174,13 @@ def measure(values: Any, factor: float, unit: str) -> str:
     values = [v*factor for v in values]
     said = ", ".join(f"{v:.0f}" if 1e3 <= abs(v) < 1e5 else f"{v:.3g}" for v in values)
     return said if unit == "1" else f"{said} {_raised(unit)}"
+
+
+def reached(times: Any) -> str:
+    """Return a reaching time, or one for each channel, in words where there is none."""
+    times = times if isinstance(times, tuple) else (times,)
+    return ", ".join("no sliding" if t is None else "not reached" if t == math.inf
+                     else measure(t, 1.0, "s") for t in times)
 
 
 def alternative(places: Any, runs: Any) -> str:

@@ -5,6 +5,7 @@ costs.
 and exits with an error where a limit does not hold.
 """
 
+import dataclasses
 import os
 import subprocess
 import sys
@@ -18,11 +19,14 @@ import laws
 import numpy as np
 
 import smcaero_nb as smc
+from smcaero_nb.core.assumptions import _assumed, _limited, _moving
 
 # first call of a new combination, and in a new process, / import of numba with a trivial function
 FIRST, WARM = 8.0, 3.0
 IMPORT = 1.4  # of the kit, / that of numba
 CALL = 0.2  # ms
+# of the run, and ms, whichever is more, for what is said of sliding
+SHARE, LEAST = 0.05, 1.0
 
 
 def speed(rounds):
@@ -97,11 +101,35 @@ def fixed(rounds):
     return t <= CALL
 
 
+def sliding(rounds):
+    """What judging whether a run slides costs beside it; True if the limits hold."""
+    print("Whether a run slides, beside the run, least of the rounds:")
+    angle = smc.differentiators.differentiator(1).with_(L=6.0)
+    loops = {"launch vehicle, output feedback": smc.lv.loop("hosm", "output_feedback"),
+             "lander": smc.rpl.loop("adaptive_smc"),
+             "motor": smc.applications.dc_motor("quasi_continuous").with_(differentiator=angle),
+             "chain": smc.applications.perturbed_chain(smc.hosmc.nested(3), 3)}
+    held = True
+    for name, loop in loops.items():
+        run = smc.simulate(loop)
+        whole = beside.nanoseconds(rounds, 1e6, lambda loop=loop: smc.simulate(loop)).min()
+        parts = []
+        for judge in (_assumed, _moving, _limited):
+            parts += [np.min(beside.nanoseconds(
+                rounds, 1e6, lambda run=run, judge=judge: judge(dataclasses.replace(run))))]
+        limit = max(SHARE*whole, LEAST)
+        said = ", ".join(f"{q:.2f}" for q in parts)
+        print(f"  {name:<34}{whole:6.2f} ms; theorem, sigma and gain, actuator {said} ms each "
+              f"(limit {limit:.2f})")
+        held = held and max(parts) <= limit
+    return held
+
+
 if __name__ == "__main__":
     count = beside.rounds_asked(15)
     held = [speed(count), laws.beside_c(count), hosmc.beside_c(count), differentiators.speed(count),
             lander.beside_c(count),
-            start(3), imports(7), fixed(count)]
+            start(3), imports(7), fixed(count), sliding(count)]
     laws.each_law(max(3, count//3))
     hosmc.of_each(max(3, count//3))
     held.append(lander.descents())

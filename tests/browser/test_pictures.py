@@ -1,13 +1,9 @@
 """What pictures show, measured as drawn: zoomed chattering, compared laws, lost runs, words."""
 
-import io
 import json
 
 import numpy as np
 import pytest
-
-import smcaero_nb as smc
-from smcaero_nb.applications import perturbed_chain
 
 pytestmark = pytest.mark.browser
 

@@ -1,0 +1,281 @@
+"""Whether a run slides: sigma at rest, the actuator within its limits, the gain settled."""
+
+import functools
+import math
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from .card import Law
+from .leaves import at
+from .param import Param
+from .perturbation import degree, laws
+from .program import parts
+from .rows import evaluated, taken
+from .signal import flat
+
+if TYPE_CHECKING:
+    from .block import Block
+    from .run import Run
+
+__all__ = ["Motion", "at_limit", "backwards", "gains", "growing", "motions", "rows_of",
+           "slides", "tail_rows"]
+
+LAST = 0.2  # of the run: its tail, where `simulate` made none
+SAMPLES, ESTIMATED = (5.0, 2.0), (3.0, 3.0)  # see `reaching_time`
+FLOOR, ROUGH = 1e-5, 2e-3  # of the maximum |sigma|: that is zero; where it is estimated
+WRONG = 0.05  # of the maximum |sigma|: as much of what an estimate is wrong by is excused
+# A sigma that still approaches zero falls by SLOW at least from part to part of the second half,
+# and at last to FALLS, or as steadily as before.
+PARTS, FALLS, SLOW = 5, 0.9, 0.005
+LEAD = 20  # samples in which a plant shows which way it is pushed
+STILL = 1e-3  # of |v|: a sigma' as small does not move sigma
+GROWS = 0.02  # of the gain: growth in the tail
+ROWS = 100  # at which the actuator and a band that changes are judged
+TINY = 1e-9
+
+
+class Motion(NamedTuple):
+    """How a sliding variable ends.
+
+    Attributes
+    ----------
+    size : ndarray
+        Greatest |sigma| since the row before, row by row.
+    tail, band : float
+        Greatest |sigma| of the tail, and that at which it counts as rest.
+    near : float
+        |sigma| from which on it is there: the band that the law accepts and what sampling allows,
+        or twice the tail.
+    rests : bool
+        Whether it stays within the band throughout the tail.
+    approaches : bool
+        Whether it still falls.
+    crosses : bool
+        Whether it changes its sign in the tail.
+    still : bool
+        Whether it stands still in the tail, however large v is.
+    """
+
+    size: np.ndarray
+    tail: float
+    band: float
+    near: float
+    rests: bool
+    approaches: bool
+    crosses: bool
+    still: bool
+
+    def said(self, key: str) -> str:
+        """Return that it does not rest, in words."""
+        if self.still:
+            return (f"{key} stands still at {self.tail:.3g} while v pushes: the loop is latched, "
+                    "and the xi that is found is v itself")
+        tail = f"{self.tail:.3g}"
+        how = f"swings within {tail}" if self.crosses else f"is {tail} away from 0"
+        return (f"{key} does not come to rest: it {how}, where sliding would keep it within "
+                f"{self.band:.3g}")
+
+
+def slides(b: "Block | None") -> bool:
+    """Return whether a law may slide: its card, if it has one, is that of a sliding mode law."""
+    return b is not None and (b.card is None or isinstance(b.card, Law))
+
+
+def tail_rows(run: "Run") -> slice:
+    """The rows of the tail; of a run that ended before it, its last fifth."""
+    last = run.tail or LAST*run.t[-1]
+    first = int(np.searchsorted(run.t, run.t[-1] - last*(1.0 + TINY), "right"))
+    return slice(min(first, len(run.t) - 1), len(run.t))
+
+
+def motions(run: "Run") -> list[Motion]:
+    """Return how each sliding variable ends; `reaching_time` has the rule by which it rests."""
+    leaves = [q for q in run.leaves("sigma") if not q.derivative and len(run.t)]
+    blocks = _blocks(run, len(leaves))
+    return [_motion(run, q.path, *b) for q, b in zip(leaves, blocks, strict=True)]
+
+
+def _blocks(run: "Run", count: int) -> list[tuple]:
+    """(law, its sigma and v, xi) of each sliding variable; (None, ...) where there is none."""
+    if run.loop.stages["law"] is None:
+        return [(None, None, None, None)]*count
+    many = hasattr(run.loop.stages["law"], "parts")
+    xis = run.xi if many and run.xi is not None else [run.xi]*len(laws(run))
+    found = []
+    for (b, s, v, _), xi in zip(laws(run), xis, strict=True):
+        if isinstance(v, tuple) and len(v) == len(flat(s)):
+            rows = zip(flat(s), v, xi or [None]*len(v), strict=True)
+            found += [(b, one, w, x) for one, w, x in rows]
+        else:
+            found.append((b, s, v, xi))
+    if len(found) != count:  # states of a plant without an output
+        found = [(found[0][0], None, None, None)]*count
+    return found
+
+
+def _motion(run: "Run", path: tuple, b: Any, sigma: Any, v: Any, xi: Any) -> Motion:
+    low, high = at(run.low.sigma, path), at(run.high.sigma, path)
+    size, tail = np.maximum(np.abs(low), np.abs(high)), tail_rows(run)
+    t, last = run.t[tail], size[tail]
+    crosses = bool(low[tail].min() < 0.0 < high[tail].max())
+    flips = crosses and isinstance(getattr(b, "card", None), Law) and not b.card.continuous
+    speed = _speed(run, path, tail, sigma, v, xi, flips)
+    estimated = bool(run.loop.stages["differentiator"] or run.loop.stages["sensor"])
+    move = speed*_samples(run, path, b, sigma, v) + (ROUGH if estimated else FLOOR)*size.max()
+    if estimated and isinstance(sigma, np.ndarray) and (true := run.true_sigma) is not None:
+        wrong = float(np.abs(at(run.sigma, path) - at(true, path))[tail].max())
+        move += min(2.0*wrong, WRONG*size.max())
+    bands, near = np.full(len(t), move), move
+    if b is not None and b.band:
+        some = rows_of(slice(0, len(t)))
+        own = np.array([b.band(q, b.values) for q in t[some].tolist()])
+        held = np.searchsorted(some, np.arange(len(t)), "right") - 1
+        bands, near = bands + b.card.within*own[held], move + own[-1]
+    push = 0.0 if v is None or isinstance(v, tuple) else float(np.abs(v[tail]).min())
+    return Motion(size, float(last.max()), float(bands.min()),
+                  max(2.0*float(last.max()), float(near)), bool((last <= bands).all()),
+                  _falls(size), crosses, not crosses and speed <= STILL*push)
+
+
+def _falls(size: np.ndarray) -> bool:
+    """Whether sigma still approaches zero, in five parts of the second half of a run."""
+    parts = [q.max() for q in np.array_split(size[len(size)//2:], PARTS) if len(q)]
+    steps = -np.diff(parts)
+    return bool(len(parts) == PARTS and (steps > SLOW*np.array(parts[:-1])).all()
+                and (parts[-1] < FALLS*parts[-2] or steps[-1] > 0.5*steps.mean()))
+
+
+def _speed(run: "Run", path: tuple, tail: slice, sigma: Any, v: Any, xi: Any,
+           flips: bool) -> float:
+    """Greatest |sigma'| of the tail; of a v that flips between rows, that when it does."""
+    if isinstance(sigma, tuple) and len(sigma) > 1:
+        rate = (*path[:-1], path[-1] + 1)
+        return float(max(np.abs(at(q, rate)[tail]).max() for q in (run.low.sigma, run.high.sigma)))
+    if xi is not None:
+        rate = np.abs(xi[tail]) + np.abs(v[tail]).max() if flips else np.abs(xi - v)[tail]
+    else:
+        s = at(run.sigma, path)
+        rate = np.abs(np.diff(s, prepend=s[:1])/np.diff(run.t, prepend=-run.tau))[tail]
+    return float(np.sort(rate)[-min(3, len(rate))])  # a jump of the command is one row
+
+
+def _samples(run: "Run", path: tuple, b: Any, sigma: Any, v: Any) -> float:
+    """Time in which sigma may move away and come back [s]."""
+    p = (b.card.order if isinstance(getattr(b, "card", None), Law) else None) or (
+        1 if b is None else degree(b, sigma, v))
+    (count, base), n = SAMPLES, p - 1
+    if run.loop.stages["differentiator"]:
+        (count, base), e = ESTIMATED, run.e_hat
+        many = isinstance(e, tuple) and isinstance(e[0], tuple) and path
+        n = max(n, len(flat(e[path[0]] if many else e)) - 1)
+    return count*base**n*run.tau + run.loop.latency
+
+
+def _told(f: Callable) -> Callable:
+    """Make a function of a run return what it says, or None where a block cannot be evaluated."""
+    @functools.wraps(f)
+    def told(*args):
+        try:
+            return f(*args)
+        except Exception:  # a block is anybody's: its samples may not be recorded
+            return None
+
+    return told
+
+
+@_told
+def backwards(run: "Run") -> bool | None:
+    """Whether more of v moves the error up: then the gain of the plant has the other sign.
+
+    The plant is led on from the last row, without and with a little more of v; known of loops with
+    one input.
+    """
+    plant, output = run.loop.stages["plant"], run.loop.stages["output"]
+    if isinstance(run.u, tuple) or isinstance(run.v, tuple):
+        return False
+    x, d = (taken(q, -1) for q in (tuple(vars(run.x).values()), run.d))
+    u, v, last = float(run.u[-1]), run.v[-1:], slice(len(run.t) - 1, None)
+    more = max(1e-3, 1e-3*abs(float(v[0])))
+    if run.loop.stages["allocation"]:
+        a, b = (evaluated(run, "allocation", {"v": q}, last)[0] for q in (v, v + more))
+        more = float(b - a)
+    p, moved = run.loop.p, []
+    for force in (u, u + more):
+        z = x
+        for k in range(LEAD):
+            t = float(run.t[-1]) + k*run.tau
+            have = {"t": t, "x": z, "u": force, "d": d}
+            rates = plant.f(*(have[n] for n in plant.signals), *p["plant"])
+            z = tuple(q + run.tau*w for q, w in zip(z, rates, strict=True))
+        have = {"t": float(run.t[-1]), "x": z, "u": force, "d": d}
+        moved.append(flat(output.f(*(have[n] for n in output.signals), *p["output"])
+                          if output else z)[0])
+    return bool(moved[1] < moved[0])
+
+
+# ---- the gain, and the actuator ------------------------------------------------------------------
+def gains(run: "Run") -> list[tuple[str, np.ndarray | None]]:
+    """Return name and values, row by row, of the gain that each law adapts; None where none is."""
+    law = run.loop.stages["law"]
+    many, found = hasattr(law, "parts"), []
+    for name, b in (law.parts if many else {"": law}).items():
+        state = b.card.gain if isinstance(b.card, Law) else ""
+        z = getattr(run.z.law, name) if many else run.z.law
+        found.append((state, getattr(z, state) if state else None))
+    return found
+
+
+def growing(run: "Run", k: np.ndarray | None) -> bool:
+    """Whether a gain grows in the tail by 2 % or more, and is larger there than ever before."""
+    tail = tail_rows(run)
+    if k is None or tail.start < 3:
+        return False
+    return bool(k[-1] > (1.0 + GROWS)*k[tail.start - 1]
+                and k[tail].min() >= k[tail.start//2:tail.start].max() > 0.0)
+
+
+@_told
+def at_limit(run: "Run", rows: Any) -> list[np.ndarray] | None:
+    """Return, for each input, at which of these rows it is at its limit; None where none is known.
+
+    It is where the actuator gives its minimum or maximum of the run, less than it is asked for, and
+    would not give more if it were asked for twice as much; an actuator with memory need not be
+    asked twice. Without an actuator, it is where u reaches a limit of its metadata.
+    """
+    given = [q[rows] for q in flat(run.u)]
+    if run.loop.stages["actuator"] is None:
+        metas = flat(run.loop.metadata("u") or ())
+        if not any(isinstance(m, Param) and (m.high < math.inf or m.low > -math.inf)
+                   for m in metas):
+            return None
+        return [(u >= m.high) | (u <= m.low) for u, m in zip(given, metas, strict=False)]
+    if run.loop.stages["allocation"]:
+        asked = evaluated(run, "allocation", {}, rows)
+    else:
+        asked = taken(run.v, rows)
+    twice = _doubled(run, asked, rows)
+    found = []
+    for i, (u, c) in enumerate(zip(given, flat(asked), strict=True)):
+        high, low = flat(run.high.u)[i].max(), flat(run.low.u)[i].min()
+        least = TINY*max(abs(high), abs(low))
+        beyond = (u >= high - least) & (c > u + least) | (u <= low + least) & (c < u - least)
+        found.append(beyond & (np.abs(twice[i] - u) <= least) if twice else beyond)
+    return found
+
+
+def _doubled(run: "Run", asked: Any, rows: Any) -> list[np.ndarray] | None:
+    """What an actuator gives if it is asked for twice as much; None where it has memory."""
+    if any(b.states for b in parts(run.loop.stages["actuator"])):
+        return None
+
+    def double(s):
+        return tuple(map(double, s)) if isinstance(s, tuple) else 2.0*s
+
+    return flat(evaluated(run, "actuator", {"u": double(asked)}, rows))
+
+
+def rows_of(rows: slice) -> np.ndarray:
+    """At most ROWS of some rows, evenly spaced."""
+    return np.unique(np.linspace(rows.start, rows.stop - 1, ROWS).astype(int))
