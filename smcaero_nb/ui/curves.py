@@ -46,8 +46,8 @@ LAYOUT: dict[str, Any] = dict(
     autosize=True, margin=dict(l=72, r=14, t=TOP, b=BOTTOM), template="plotly_white",
     font=dict(size=12, color="#222"), hovermode="x", hoversubplots="axis", hoverlabel_namelength=-1,
     uirevision="kept", modebar=dict(remove=["sendChartToCloud"]))  # "Share chart" uploads a person's data
-X_AXIS = dict(visible=True, showspikes=True, spikethickness=1, spikecolor="#999")
-Y_AXIS = dict(visible=True, nticks=5, exponentformat="e", zerolinecolor="#ccc", title_standoff=6)
+X_AXIS = dict(type="linear", visible=True, showspikes=True, spikethickness=1, spikecolor="#999")
+Y_AXIS = dict(type="linear", visible=True, nticks=5, exponentformat="e", zerolinecolor="#ccc", title_standoff=6)
 LEGEND = dict(orientation="h", xanchor="right", yanchor="bottom", font_size=11, bgcolor="rgba(0,0,0,0)")
 
 
