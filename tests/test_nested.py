@@ -243,7 +243,7 @@ def test_the_step_layout_has_buffers():
     loop = LATE.with_(sensor__late=3)
     p = writer.written(loop, "euler", 0.02, 2)
     values = {q: v for q, (_, v, _) in loop.parameters().items()}
-    exec(program.step(p), names := {q: f for q, (f, _) in p.functions.items()})
+    exec(program.step(p), names := p.functions(loop))
     x, z = loop.start()
     state, R = tuple((p.state | x | z).values()), np.array(p.ring(values))
     P, run = np.array([*values.values()]), simulate(loop, record=300)

@@ -44,7 +44,7 @@ def test_a_still_signal_has_still_derivatives():
 @pytest.mark.parametrize("method, wanted", [("levant", [4, 3, 2, 1]), ("matching", [4, 3, 2, 1]),
                                             ("euler", [None, 1, 1, 1]),
                                             ("implicit", [math.nan, 3, 2, 1])])
-def test_slopes_certify_the_method(method, wanted):
+def test_slopes_show_the_order_of_the_method(method, wanted):
     found = trial().with_(n_d=3, method=method)()
     assert found.sizes.shape == (4, 5)
     assert np.all(found.tau == 1e-2*np.array([4.0, 2.0, 1.0, 0.5, 0.25]))
@@ -53,7 +53,7 @@ def test_slopes_certify_the_method(method, wanted):
     late = len(found.t)//2
     wanted = np.abs(found.estimates - found.truth)[:, late:].max(1)
     np.testing.assert_array_equal(found.errors, wanted)
-    assert str(found) == "L = 2; greatest errors in the second half: " + ", ".join(
+    assert str(found) == "L = 2; maximum errors in the second half: " + ", ".join(
         f"|z_{i} - f^({i})| {e:.2g}" for i, e in enumerate(wanted))
 
 

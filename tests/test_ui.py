@@ -1023,7 +1023,7 @@ def test_a_trial_is_drawn_said_and_saved():
     p.set(n_d=1, tau=0.02)
     assert p.run.estimates.shape == (2, 1001) and p.status == ""
     np.testing.assert_array_equal(sent(p)[1][1], p.run.estimates[0].astype(np.float32))
-    assert "L = 2; greatest errors in the second half: |z<sub>0</sub> - f|" in p._metrics.value
+    assert "L = 2; maximum errors in the second half: |z<sub>0</sub> - f|" in p._metrics.value
     button, messages = p._download.saved, []
     assert button.file == "two tones, estimates.csv"
     button.send = lambda content, buffers: messages.append(buffers)

@@ -8,6 +8,7 @@ returns dx/dt.
 import copy
 import functools
 import inspect
+import keyword
 from collections.abc import Callable
 from typing import Any, NamedTuple, overload
 
@@ -78,6 +79,9 @@ class Block:
                  check: Callable | None = None, card: Card | None = None):
         if not inspect.isfunction(f):
             raise BlockError(f"block: a block is made of a plain function, not of {said(f)}")
+        if f.__code__.co_flags & (inspect.CO_VARARGS | inspect.CO_VARKEYWORDS):
+            raise BlockError(f"block: {f.__name__} takes *args or **kwargs, but arguments are "
+                             "wired by their names; write out each signal and parameter")
         self.f, self.name, self.__doc__ = f, f.__name__, f.__doc__
         self.signals, self.params, self.kinds, self.values, self.output = declared(f)
         self.output = output or self.output
@@ -148,7 +152,9 @@ class Block:
         maker, arguments = self.factory or (self.f, None)
         at, functions = self._home, filter(inspect.isfunction, (arguments or {}).values())
         if lost := maker if not at else next((f for f in functions if not home(f)), None):
-            why = "is another block of this function" if home(lost) else "cannot be imported"
+            why = "is another block of this function" if home(lost) else (
+                "is defined in the script or notebook itself" if lost.__module__ == "__main__" else
+                "cannot be imported")
             raise BlockError(
                 f"block '{self.name}' cannot be pickled, because {lost.__module__}."
                 f"{lost.__qualname__} {why}; move it to a module (a .py file) and "
@@ -239,6 +245,9 @@ class Channels:
         if not parts:
             raise BlockError(f"{self.name}: at least one block is needed: {self.name}(a=..., ...)")
         for name, b in parts.items():
+            if not name.isidentifier() or keyword.iskeyword(name) or "__" in name:
+                raise BlockError(f"{self.name}: a part cannot be called {said(name)}; it must be "
+                                 "a name in Python, without two underscores in a row")
             wanted(f"{self.name}: {name}", b)
         self.parts = parts
         self.__doc__ = "\n\n".join(f"{c}: {b.__doc__}" for c, b in parts.items())
@@ -294,7 +303,8 @@ def routed(owner: str, parts: dict, changes: dict) -> dict:
     for key, v in changes.items():
         part, _, name = key.partition("__")
         if part not in parts:
-            raise unknown(owner, part, parts)
+            inside = [f"{p}__{n}" for p, b in parts.items() if b for n in b.settable]
+            raise unknown(owner, part, parts, inside)
         if name:
             inner.setdefault(part, {})[name] = v
         else:

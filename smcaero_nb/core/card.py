@@ -88,8 +88,8 @@ class Law(Card):
         \|xi\| and \|xi'\| of a run, and returns None, or the sentence that says which condition
         does not hold; see `Run.doubts`.
     describing : function, optional
-        Its describing function: given ``{name: value}`` and the amplitude of sigma, it returns the
-        gain of the first harmonic.
+        Its describing function: given ``{name: value}``, the amplitude of sigma and its frequency
+        [rad/s], it returns the gain of the first harmonic; complex where v is not in phase.
     band : function, optional
         The size of sigma that it accepts, drawn in pictures. It is given a time and
         ``{name: value}``.

@@ -7,7 +7,7 @@ import numpy as np
 
 from .program import Program
 
-__all__ = ["constants"]
+__all__ = ["constants", "integral"]
 
 
 def constants(program: Program, loop: Any, dt: float) -> list[float]:
@@ -18,17 +18,21 @@ def constants(program: Program, loop: Any, dt: float) -> list[float]:
     """
     if not program.exact:
         return []
-    A = tuple(map(tuple, loop.stages["plant"].A.tolist()))
+    A = loop.stages["plant"].A
     spans = (0.5*dt, dt)[-(len(program.exact)//len(A)**2):]
-    return [q for h in spans for q in _integral(A, h)]
+    return [q for h in spans for q in integral(A, h).ravel().tolist()]
+
+
+def integral(A: np.ndarray, h: float) -> np.ndarray:
+    """Return the integral of exp(A s) over s from 0 to h."""
+    return _integral(tuple(map(tuple, A.tolist())), h)
 
 
 @functools.lru_cache(maxsize=200)
-def _integral(A: tuple[tuple[float, ...], ...], h: float) -> tuple[float, ...]:
-    """The entries of the integral of exp(A s) over s from 0 to h."""
+def _integral(A: tuple[tuple[float, ...], ...], h: float) -> np.ndarray:
     from scipy.linalg import expm  # slow to import, so only here
 
     n = len(A)
     both = np.block([[np.array(A), np.eye(n)], [np.zeros((n, 2*n))]])
     with np.errstate(all="ignore"):  # what grows beyond all numbers ends the run as diverged
-        return tuple(expm(both*h)[:n, n:].ravel().tolist())
+        return expm(both*h)[:n, n:]

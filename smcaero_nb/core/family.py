@@ -15,6 +15,8 @@ from typing import Any
 
 import numpy as np
 
+from .content import is_block
+
 __all__ = ["family", "found", "home", "plain", "public", "rebuilt", "spelt", "written"]
 
 KIT = __name__.partition(".")[0]
@@ -111,7 +113,7 @@ def spelt(maker: Callable, arguments: dict | None = None) -> str:
     for n, a in inspect.signature(maker).parameters.items():
         v = arguments[n]
         if a.default is a.empty or v != a.default:
-            value = spelt(v) if inspect.isfunction(v) else repr(v)
+            value = spelt(v) if inspect.isfunction(v) else v.code() if is_block(v) else repr(v)
             given.append(value if a.default is a.empty else f"{n}={value}")
     return f"{text}({', '.join(given)})"
 

@@ -1,4 +1,4 @@
-"""Leaves: the numbers of a signal, described."""
+"""Leaves: the numbers of a signal, leaves_of."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -7,7 +7,7 @@ from .param import Param
 from .signal import leaves
 from .stages import SIGNALS
 
-__all__ = ["Leaf", "at", "found", "heads", "named"]
+__all__ = ["Leaf", "at", "found", "heads", "leaves_of", "named"]
 
 
 @dataclass(frozen=True)
@@ -76,26 +76,26 @@ def found(signal: str, shape: Any, metas: Any, many: bool,
     return tuple(made)
 
 
-def named(loop: Any, shapes: dict[str, Any]) -> dict[str, tuple[Leaf, ...]]:
-    """Return the leaves of all signals of a loop, by signal."""
+def leaves_of(loop: Any, shapes: dict[str, Any], signal: str) -> tuple[Leaf, ...]:
+    """Return the leaves of a signal of a loop, given the shapes of all its signals."""
     plant, output = loop.stages["plant"], loop.stages["output"]
     nested = shapes["e"] is not None and any(v is not None for v in shapes["e"])
     channels = nested or loop.stages["law"] is not None and shapes["v"] is not None
     names = () if output or shapes["x"] == (None,) else tuple(plant.states)
-    made = {}
-    for s in (*SIGNALS[1:], "e_m", "probe"):
-        if s not in shapes:
-            continue
-        passed = s == "e_hat" and not loop.stages["differentiator"]
-        outward = s in ("r", "y", "y_m", "e", "e_m") or passed
-        rows = s == "sigma" and not loop.stages["surface"] and any(shapes["x"])
-        states = names if (outward or rows) and shapes[s] == shapes["x"] else ()
-        metas = loop.metadata(s)
-        if (outward or states) and not output and metas is None:
-            metas = tuple(plant.states.values())
-        many = bool(states) or s in ("v", "u", "d", "probe") or s == "sigma" and channels
-        made[s] = found(s, shapes[s], metas, many, states)
-    return made
+    passed = signal == "e_hat" and not loop.stages["differentiator"]
+    outward = signal in ("r", "y", "y_m", "e", "e_m") or passed
+    rows = signal == "sigma" and not loop.stages["surface"] and any(shapes["x"])
+    states = names if (outward or rows) and shapes[signal] == shapes["x"] else ()
+    metas = loop.metadata(signal)
+    if (outward or states) and not output and metas is None:
+        metas = tuple(plant.states.values())
+    many = bool(states) or signal in ("v", "u", "d", "probe") or signal == "sigma" and channels
+    return found(signal, shapes[signal], metas, many, states)
+
+
+def named(loop: Any, shapes: dict[str, Any]) -> dict[str, tuple[Leaf, ...]]:
+    """Return the leaves of all signals of a loop, by signal."""
+    return {s: leaves_of(loop, shapes, s) for s in (*SIGNALS[1:], "e_m", "probe") if s in shapes}
 
 
 def heads(leaves_: tuple[Leaf, ...], values: Any) -> list:

@@ -14,8 +14,8 @@ import numpy as np
 from .signal import leaves, shape, size
 
 __all__ = ["Param", "ParameterError", "checked", "chosen", "declared", "function", "given",
-           "listed", "number", "positive", "real", "refused", "said", "several", "switch", "texted",
-           "unknown"]
+           "listed", "number", "positive", "real", "refused", "relative_degree", "said", "several",
+           "switch", "texted", "unknown"]
 
 MOST, MANY = 160, 400  # characters of a value, and of a list of names, that a message shows
 ENTRIES = 100  # maximum number of entries of a parameter
@@ -198,6 +198,22 @@ def refused(owner: str, name: str, value: Any, must: str, unit: str = "1") -> Pa
     return ParameterError(f"{owner}: {name} = {value} is not allowed; it must be {must}")
 
 
+def relative_degree(owner: str, r: Any, high: int, low: int = 1) -> int:
+    """Return a relative degree from `low` to `high`, else raise `ParameterError`; names the way on.
+
+    Higher ones are rare in a design, and a law of first order takes any.
+    """
+    try:
+        return Param(low=low, high=high).check(owner, "r", r, int)
+    except ParameterError as why:
+        if not number(r) > high:
+            raise
+        raise ParameterError(
+            f"{why}. On a longer time scale it may be lower (prd.sweep); or write the sliding "
+            "variable of any r as a block, e^(r-1) + c_(r-2) e^(r-2) + ... + c_0 e with c of "
+            "np.poly([-w]*(r - 1)), for a law of relative degree 1") from None
+
+
 def chosen(owner: str, name: str, value: Any, allowed: Iterable[str]) -> str:
     """Return `value` if it is one of the texts `allowed`, else raise `ParameterError`."""
     if not (isinstance(value, str) and value in allowed):
@@ -280,9 +296,12 @@ def several(owner: str, name: str, values: Any) -> tuple:
     return tuple(values)
 
 
-def unknown(owner: str, name: str, known: Iterable[str]) -> ParameterError:
-    """The error for a name that `owner` does not have."""
-    near = difflib.get_close_matches(name, known, 1)
+def unknown(owner: str, name: str, known: Iterable[str],
+            inside: Iterable[str] = ()) -> ParameterError:
+    """The error for a name that `owner` does not have; `inside` are names that reach into parts."""
+    known, inside = [*known], [*inside]
+    near = [n for n in inside if n.endswith(f"__{name}")][:3]
+    near = near or difflib.get_close_matches(name, [*known, *inside], 1)
     return ParameterError(f"{owner} has no {said(name)}"
-                          + (f"; did you mean {said(near[0])}?" if near else ".")
+                          + (f"; did you mean {' or '.join(map(said, near))}?" if near else ".")
                           + f" It has: {listed(known, 'nothing to set')}")

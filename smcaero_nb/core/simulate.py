@@ -29,6 +29,7 @@ __all__ = ["simulate", "timed"]
 CHUNK = 0.02  # s of machine time between two looks at Ctrl-C, cancel and progress
 ROWS = 100_000_000  # maximum number of rows of a run
 MOST = 100_000  # maximum number of samples of a latency
+STEPS = 1e11  # maximum number of steps of a run
 
 
 def timed(owner: str, loop: Any, duration: Any, dt: Any, tau: Any) -> tuple[Any, float, float]:
@@ -119,13 +120,13 @@ def simulate(loop: ClosedLoop, duration: float | None = None, dt: float | None =
     rec = np.empty((-(-(n - first)//every) + 1, len(program.columns)))
     rec, end, before, k, stopped, diverged = _driven(
         f, program, loop, rec, dt, m, n, every, first, k_tail, 1000 if jit else 20, progress)
-    return result(loop, program, rec, end, before, k, k_tail, dt, m, stopped, diverged)
+    return result(loop, program, rec, end, before, k, k_tail, dt, m, method, stopped, diverged)
 
 
 def _method(loop: ClosedLoop, method: str | None) -> str:
     """The method asked for, otherwise the plant's own."""
     allowed = methods(loop)
-    if method == "exact" and method not in allowed:
+    if isinstance(method, str) and method == "exact" and method not in allowed:
         raise ParameterError(
             "simulate: method = 'exact' is not allowed for plant "
             f"'{loop.stages['plant'].name}'; it is for linear plants made by interop.from_control. "
@@ -136,9 +137,10 @@ def _method(loop: ClosedLoop, method: str | None) -> str:
 def _steps(loop: ClosedLoop, duration: float, dt: float, tau: float) -> tuple[int, int, int]:
     """Check times against one another; return the steps per sample, run and latency."""
     longest = max(tau, duration, loop.latency)
-    if not longest/dt < 1e15:
-        raise ParameterError(f"simulate: dt = {dt:g} s is not allowed; {longest:g} s must "
-                             "take less than 1e15 steps")
+    if not longest/dt <= STEPS:
+        raise ParameterError(f"simulate: dt = {dt:g} s is not allowed; {longest:g} s would take "
+                             f"{longest/dt:.3g} steps, and at most {STEPS:g} are taken (they last "
+                             "half an hour or so); give a larger dt or a shorter duration")
     m, n, lag = round(tau/dt), round(duration/dt), round(loop.latency/dt)
     if m < 1 or abs(m*dt - tau) > 1e-9*tau:
         raise ParameterError(f"simulate: tau = {tau:g} s is not allowed; it must be a multiple of "

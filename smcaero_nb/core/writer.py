@@ -1,6 +1,5 @@
 """Writes the program of a loop, trying each line at t = 0 to find the shapes of the signals."""
 
-import re
 import zlib
 from typing import Any
 
@@ -9,7 +8,6 @@ from .chain import Chain
 from .checks import check, kind, place, way_out
 from .content import draws
 from .expressions import error, limits, local, nested, zero
-from .leaves import named
 from .param import listed, said
 from .program import LIMIT, METERS, METHODS, Program, first, line, parts
 from .signal import leaves, shape, text, tuples
@@ -48,12 +46,13 @@ class _Writer:
 
     def __init__(self, loop: Any, method: str, tau: float, m: int, lag: int):
         self.loop, self.stages, self.m, self.lag = loop, loop.stages, m, lag
-        self.functions, self.places, self.shapes, self.trial = {}, {}, {}, []
+        self.places, self.shapes, self.trial = {}, {}, []
         self.params = {q: v for q, (_, v, _) in loop.parameters().items()}
         x, z = loop.start()
         self.x, self.z, self.rings = tuple(x), tuple(z), []
         self.exact: list[str] = []  # entries of the matrices of an exact step
         self.between = {}  # what the next block of a chain sees in place of a signal
+        self.shown = {}  # its name in messages
         self.shapes["x"] = shape(self.stages["plant"].z0)
         self.start = {**x, **z}
         self.values = {"t": 0.0, "tau": tau, "dt": 0.0, "k": 0, "m": m, "R": [], "float": float,
@@ -121,6 +120,13 @@ class _Writer:
         try:
             self.assign(gives, error(self.shapes["r"], self.shapes[of], name=of))
         except (BlockError, TypeError, IndexError) as why:
+            if of == "y_m":
+                raise BlockError(
+                    f"sensor '{self.stages['sensor'].name}' gives y_m = "
+                    f"{said(self.values_of(of))} ({kind(self.values_of(of))}), which does not fit "
+                    f"r = {said(self.values_of('r'))} ({kind(self.values_of('r'))}) in e = r - "
+                    f"y_m, as y = {said(self.values_of('y'))} does; let it give as many numbers "
+                    "as y has, or the reference fewer") from None
             told = f": {why}" if isinstance(why, BlockError) and "fails at" not in str(why) else ""
             raise BlockError(f"reference and output do not fit: e = r - {of} with "
                              f"r = {said(self.values_of('r'))}, "
@@ -222,15 +228,19 @@ class _Writer:
         return self.lines
 
     def write(self, source, where="", given=()):
-        """Append a line and try it; an error names the block, its line and its arguments."""
+        """Append a line and try it; an error names the block, its line and its arguments.
+
+        `given` has (name, name of the signal, text) of each argument.
+        """
         try:
             exec(source, self.values)
         except Exception as why:
-            shapes = {n: self.values_of(n) for n in given if n in self.shapes}
-            told = ", ".join(f"{n} = {said(v)} ({kind(v)})" for n, v in shapes.items())
+            values = {n: eval(q, self.values) for n, s, q in given if s in self.shapes}
+            names = {n: n if s == n else f"{n} = {self.shown.get(s, s)}" for n, s, _ in given}
+            told = ", ".join(f"{names[n]} = {said(v)} ({kind(v)})" for n, v in values.items())
             told = f" It was given {told}" if told else ""
             raise BlockError(f"{where} fails at t = 0{place(why)}: {type(why).__name__}: {why}."
-                             + told + way_out(why, shapes)) from why
+                             + told + way_out(why, values)) from why
         self.lines.append(source)
         self.trial.append(source)
 
@@ -294,7 +304,7 @@ class _Writer:
         for name, part in first:
             between = f"{stage}_{self.numbers['part']}"
             self.assign(between, self.block(stage, part, f"{path}__{name}", None, alias))
-            self.between[passes] = between
+            self.between[passes], self.shown[between] = between, f"{path}__{name}"
         result = self.block(stage, last, f"{path}__{end}", None, alias)
         self.between.clear()
         return result
@@ -313,7 +323,7 @@ class _Writer:
         """Call one block; return the text of its output."""
         where, numbers = f"{stage} '{b.name}'", self.numbers
         mark = f"_{numbers['part']}"*hasattr(self.stages[stage], "parts")
-        name = re.sub(r"\W", "_", f"{stage}_{b.name}") + mark
+        name = f"f_{stage}{mark}"  # not the block's: loops that differ in names share a program
         states = self.memory(stage, b, where)
         asked = [self.seen(stage, n) for n in b.signals]
         memory = "".join(f"{nested(q, s)}, " for q, s, _ in states)
@@ -326,23 +336,23 @@ class _Writer:
             told = (f"{n} = {said(self.values_of(n))}" for n in asked if n in self.shapes)
             raise BlockError(f"{where}: a signal it asks for has no channel {channel}: "
                              + ", ".join(told)) from None
+        given = [*zip(b.signals, asked, args, strict=True)]
         args += [nested(f"p_{stage}_{numbers['p'] + j}", shape(b.values[n]))
                  for j, n in enumerate(b.params)]
-        if name not in self.functions and (source := draws(b.f)):
+        if name not in self.places and (source := draws(b.f)):
             raise BlockError(f"{where} draws random numbers with {source}, so its runs differ; "
                              "draw them once (noise = "
                              "np.random.default_rng(1).standard_normal(1000)) and read noise[...] "
                              "in the block")
-        self.functions[name], self.places[name] = (b.f, where), (stage, numbers["part"])
-        self.values[name] = b.f
+        self.places[name], self.values[name] = (stage, numbers["part"]), b.f
         result = f"out_{stage}{mark}"
         for q, _, at in states:
             if at:
                 self.write(f"{q} = {at}")
-        self.write(f"{result} = {name}({', '.join(args)})", where, asked)
+        self.write(f"{result} = {name}({', '.join(args)})", where, given)
         shapes = {n: None if n in b.buffers else shape(b.values[n]) for n in b.states}
         check(where, self.values[result], shapes, stage)
-        self.trial.append(f"check({where!r}, {result}, {shapes!r}, {stage!r})")
+        self.trial.append(f"check({stage!r}, {result}, {shapes!r}, {stage!r})")
         for j, (z, s, at) in enumerate(states):
             for q in leaves(s):
                 self.write(f"{at or local(z, q)} = float({result}[1][{j}]{q})")
@@ -407,7 +417,7 @@ def written(loop: Any, method: str, tau: float, m: int, lag: int = 0) -> Program
     held += [q for s in w.held_world for q in names[STAGES[s].gives]]
     held += [q for s in ("e_m",) if s in names for q in names[s]]
     watched = names["sigma"] + names["u"]
-    state = dict.fromkeys([*w.x, *w.z, *dict.fromkeys(held)], 0.0) | w.start
+    state = dict.fromkeys([*w.x, *w.z, *held], 0.0)
     state |= {f"{meter.name}_{q}": meter.start for meter, q in meters}
     columns = ["t", *(q for s in recorded for q in names[s]), *w.x, *w.z,
                *(f"{b}_{q}" for q in watched for b in ("low", "high")),
@@ -423,12 +433,10 @@ def written(loop: Any, method: str, tau: float, m: int, lag: int = 0) -> Program
     params = loop.parameters()
     return Program(
         segments={n: tuple(map(line, q)) for n, q in w.segments.items()},
-        functions=w.functions, places=w.places,
-        params={q: name for q, (name, _, _) in params.items()},
+        places=w.places, params={q: name for q, (name, _, _) in params.items()},
         kinds={q: kind for q, (_, _, kind) in params.items()},
         x=w.x, z=w.z, held=tuple(dict.fromkeys(held)), shapes=w.shapes,
-        leaves=named(loop, w.shapes), meters=tuple(meters), state=state, columns=tuple(columns),
+        meters=tuple(meters), state=state, columns=tuple(columns),
         inside=" and ".join([f"{' + '.join(f'abs({q})' for q in every)} <= {LIMIT!r}", *bounds]),
         driven=f"{' + '.join(f'abs({q})' for q in driven)} <= {LIMIT!r}",
-        rings=tuple(w.rings), lag=lag, trial=tuple(w.trial), values=w.values,
-        exact=tuple(w.exact))
+        rings=tuple(w.rings), lag=lag, trial=tuple(w.trial), exact=tuple(w.exact))

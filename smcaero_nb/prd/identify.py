@@ -119,12 +119,18 @@ def identify(source: Any, *, output: Block | Channels | None = None,
     1.25 w. Compared over more it would give higher orders: for `lv.launcher` 5 at 5 ms (over 10 w),
     5 at 50 ms (5 w) and 3 at 0.6 s (1.7 w), not 3, 4 and 2.
 
+    **What the relative degree does not say**: whether the plant stays bounded while y is held at
+    zero. Its zeros do; those of a model in the right half plane are named (`PRDResult.zeros`), of
+    a block linearised where it starts. `lv.launcher` has a pair at 0.0057 +- 89j 1/s: the engine's
+    inertia, which takes two minutes to double.
+
     Erratum: none in the paper's numbers, but "relative degree" and PRD differ: that of
     `lv.launcher` is 3, by the small inertial coupling, which both methods see up to 5 ms.
 
     References
     ----------
-    Paper eqs (6)-(8) and the section on practical relative degree identification.
+    A. Levant, 51st IEEE Conf. Decision and Control, 2012. Paper eqs (6)-(8) and the section on
+    practical relative degree identification.
 
     Examples
     --------
@@ -147,8 +153,8 @@ def identify(source: Any, *, output: Block | Channels | None = None,
     if isinstance(source, Record):
         return _combined([[source]], window, alpha, noise)
     window = window or DEFAULT
-    records = responses(source, output, surface, window, amplitude, x0)
-    return _combined(records, window, alpha, noise)
+    records, zeros = responses(source, output, surface, window, amplitude, x0)
+    return replace(_combined(records, window, alpha, noise), zeros=zeros)
 
 
 def _combined(records, window, alpha, noise):

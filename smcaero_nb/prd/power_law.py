@@ -79,7 +79,8 @@ def power_law(t, y, noise, span):
             ": the output jumps with the input (relative degree 0), or has settled" if slope < 0.5
             else "")
     elif r > HIGHEST:
-        why = f"the slope {slope:.2f} is above {HIGHEST}, the highest order looked for"
+        why = (f"the slope {slope:.2f} is above {HIGHEST}, the highest order looked for; identify "
+               "a derivative of the output, or take a longer window")
     else:
         why = f"the slope {slope:.2f} is not near a whole number" if abs(slope - r) > NEAR else ""
         if abs(halves[1] - halves[0]) > NEAR:

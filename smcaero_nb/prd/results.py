@@ -4,10 +4,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..core.zeros import named
 from .analyser import HEARD, Analysis
 from .power_law import PowerLaw
 
 __all__ = ["PRDResult", "PRDSweep", "VectorPRD"]
+
+
+SLOW = 1e-3  # of a zero: a real part that only the full account names
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +50,9 @@ class PRDResult:
         The step [s], [u].
     name : str
         Of the record or plant.
+    zeros : tuple of complex
+        Zeros of a model in the right half plane, one of each pair [1/s]: as fast as they say, the
+        other states grow while y is held at zero. A record does not show them.
     """
 
     prd: int | None
@@ -62,12 +69,13 @@ class PRDResult:
     step_time: float
     amplitude: float
     name: str
+    zeros: tuple[complex, ...] = ()
 
     def __str__(self) -> str:
         if self.prd is None:
             return f"The PRD is unresolved: {self.reason}"
         doubt = "" if self.confirmed else f" (not confirmed: {self.reason})"
-        return f"The experimentally determined PRD is equal to {self.prd}{doubt}"
+        return f"The experimentally determined PRD is equal to {self.prd}{doubt}{_fast(self.zeros)}"
 
     def explain(self) -> str:
         """The answer and the evidence of both methods, in words."""
@@ -101,8 +109,22 @@ class PRDResult:
         if r:
             lines.append(f"High-frequency gain: y^({r}) steps by {self.gain:.4g} per unit of "
                          "input.")
+        if self.zeros:
+            lines.append(_grows(self.zeros))
         return "\n".join([*lines, f"Noise: {self.noise_floor:.2g} of the greatest response in the "
                                   "window."])
+
+
+def _fast(zeros: tuple[complex, ...]) -> str:
+    """The zeros in the right half plane, in short, if they grow within a few swings."""
+    fast = tuple(q for q in zeros if q.real > SLOW*abs(q))
+    return f"; {named(fast)} in the right half plane" if fast else ""
+
+
+def _grows(zeros: tuple[complex, ...]) -> str:
+    """What zeros in the right half plane do, in words."""
+    return (f"The plant has {named(zeros)} in the right half plane: while the output is held at "
+            f"zero, as in sliding mode, its other states grow as exp({zeros[0].real:.3g} t).")
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,6 +144,9 @@ class VectorPRD:
         The window [s].
     reason : str
         Why it is not confirmed; empty where it is.
+    zeros : tuple of complex
+        Zeros of the model in the right half plane, as in `PRDResult`; empty, too, where it has no
+        vector relative degree.
     """
 
     results: list
@@ -129,17 +154,20 @@ class VectorPRD:
     confirmed: bool
     time_scale: float
     reason: str
+    zeros: tuple[complex, ...] = ()
 
     def __str__(self) -> str:
         if not any(self.prd):
             return f"The vector PRD is unresolved: {self.reason}"
         said = ", ".join("-" if r is None else str(r) for r in self.prd)
         doubt = "" if self.confirmed else f" (not confirmed: {self.reason})"
-        return f"The experimentally determined vector PRD is equal to [{said}]{doubt}"
+        return (f"The experimentally determined vector PRD is equal to [{said}]{doubt}"
+                f"{_fast(self.zeros)}")
 
     def explain(self) -> str:
         """The answer, and each entry in words."""
-        return "\n\n".join([str(self) + ".", *(q.explain() for row in self.results for q in row)])
+        return "\n\n".join([str(self) + ".", *(q.explain() for row in self.results for q in row),
+                            *([_grows(self.zeros)] if self.zeros else [])])
 
 
 @dataclass(frozen=True, eq=False)

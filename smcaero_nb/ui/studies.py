@@ -266,7 +266,8 @@ def compare(source: Live | Mapping[str, ClosedLoop]) -> Compare:
 def certificate(source: Live | ClosedLoop) -> Certificate:
     """Show a button that measures the order of sliding of a loop as set.
 
-    The order is the slope of the loop's accuracy over the sampling step.
+    The order is the slope of the loop's accuracy over the sampling step. It is shown from this
+    start and under this perturbation, not proved for others.
 
     Parameters
     ----------
