@@ -323,10 +323,10 @@ def draw(runs: Mapping[str, list[Curve]]) -> tuple[list, dict]:
         left, top = column*(wide + APART), 1 - tops[n]/height
         bottom = max(top - heights[n]/height, 0.0)
         axes |= _axes([c for *_, c in here], x, y, (left, left + wide), (bottom, top))
-    lines = _lines(runs, 1.0) if several else 0
-    margin = LAYOUT["margin"] | dict(t=TOP + LINE*lines)
+    lines = _lines(runs, 1.0)
+    margin = LAYOUT["margin"] | dict(t=TOP + (12 + LINE*lines)*several)
     if several:
-        axes[laws] = LEGEND | dict(x=0.0, xanchor="left", y=1.0 + (TOP - 8)/height)
+        axes[laws] = LEGEND | dict(x=0.0, xanchor="left", y=1.0 + TOP/height)
     layout = LAYOUT | axes | dict(height=height + margin["t"] + BOTTOM, margin=margin,
                                   meta=dict(alt=alternative(places, runs), columns=columns, apart=APART))
     return [t for place in sorted(drawn, key=lambda q: rows.index(q[0]) if several else 0) for t in drawn[place][2]], layout
