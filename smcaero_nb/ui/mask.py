@@ -443,10 +443,14 @@ class Mask(W.VBox):
                   for title, b, group, folded in _groups(target)]
         titles = {n: q for _, _, group, _ in groups for n, q in _titles(group, known).items()}
         shared = dict(layout=W.Layout(), slider=W.SliderStyle(), text=TextStyle())
-        rows = {n: Entries(n, titles[n], *known[n], self._asked, shared)
-                if isinstance(known[n][1], tuple) else
-                Row(n, titles[n], *known[n], self._asked, shared,
-                    self._grid(target, n, known[n][0])) for n in chosen}
+        rows: dict[str, Row | Entries] = {}
+        for n in chosen:
+            meta, value, kind = known[n]
+            if isinstance(value, tuple):
+                rows[n] = Entries(n, titles[n], meta, value, kind, self._asked, shared)
+            else:
+                rows[n] = Row(n, titles[n], meta, value, kind, self._asked, shared,
+                              self._grid(target, n, meta))
         self.page.tell(dict(q for n, row in rows.items() for q in _told(n, known[n][0], row)))
         return rows, [_Fold(title, b, [rows[n].box for n in group], folded, shared)
                       for title, b, group, folded in groups if group]
