@@ -1116,8 +1116,8 @@ def test_columns_are_guessed_by_name_then_by_place_and_none_twice(own, head, cho
     (b"t,f\n0,1\n1,nan\n", "line 3: column 2 ('f'): 'nan' is not a finite number"),
     (b"t,f\n0,1\n1,two\n", "line 3: column 2 ('f'): 'two' is not a finite number"),
     (b"t,f\n1,1\n1,2\n", "line 3: column 1 ('t'): 1 after 1; times must increase"),
-    (b"t,f\n0,1\n1\n", "line 3: 1 columns, but the names are 2"),
-    (b"t,f,f\n0,1,1\n1,2,2\n", "f = 'f' stands over 2 columns"),
+    (b"t,f\n0,1\n1\n", "line 3: 1 columns, but 2 names"),
+    (b"t,f,f\n0,1,1\n1,2,2\n", "f = 'f' names 2 columns"),
     (b"\x89PNG\r\n\x1a\n\x00", "only one column"),
     (b't,f\n0,"' + b"x"*200_000 + b'"\n', "is not a finite number"),
 ])

@@ -31,7 +31,7 @@ _kinds = functools.cache(get_type_hints)  # of a class of cards
 
 @dataclass(frozen=True, kw_only=True)
 class Card:
-    """What a block is: the kind of card says for which stage of a loop.
+    """Description of a block; the kind of card says for which stage of a loop it is.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ class Law(Card):
     needs, guarantees : str
         What has to be known of the perturbation, and what sigma then does.
     assumes : function, optional
-        What its theorem assumes of the perturbation. It is given ``{name: value}`` and the largest
+        What its theorem assumes of the perturbation. It is given ``{name: value}`` and the maximum
         \|xi\| and \|xi'\| of a run, and returns None, or the sentence that says which condition
         does not hold; see `Run.doubts`.
     describing : function, optional

@@ -39,7 +39,7 @@ def check(where: str, got: Any, states: dict[str, Any], stage: str) -> None:
 
 
 def _float(value: Any) -> bool:
-    """Whether numba and float64, too, take a value as a number."""
+    """Return whether numba and float64, too, take a value as a number."""
     if type(value) is float:
         return True
     fits = not isinstance(value, int) or math.isfinite(number(value))

@@ -139,8 +139,9 @@ def _steps(loop: ClosedLoop, duration: float, dt: float, tau: float) -> tuple[in
     longest = max(tau, duration, loop.latency)
     if not longest/dt <= STEPS:
         raise ParameterError(f"simulate: dt = {dt:g} s is not allowed; {longest:g} s would take "
-                             f"{longest/dt:.3g} steps, and at most {STEPS:g} are taken (they last "
-                             "half an hour or so); give a larger dt or a shorter duration")
+                             f"{longest/dt:.3g} steps; at most {STEPS:g}, half an hour of "
+                             "computing or so, are allowed; give a larger dt or a shorter "
+                             "duration")
     m, n, lag = round(tau/dt), round(duration/dt), round(loop.latency/dt)
     if m < 1 or abs(m*dt - tau) > 1e-9*tau:
         raise ParameterError(f"simulate: tau = {tau:g} s is not allowed; it must be a multiple of "

@@ -73,8 +73,8 @@ def identify(source: Any, *, output: Block | Channels | None = None,
     amplitude : float
         Height of the step that a model is given [u], not 0.
     noise : float
-        White noise to add to the output, as a share of its range, 0 to 1: how much of it can the
-        answer stand? Seeded.
+        White noise to add to the output, as a share of its range, 0 to 1, to see how much of it the
+        answer tolerates. Seeded.
     x0 : array_like, optional
         State that a `NonlinearIOSystem` starts from, zeros unless given; a block starts from its
         initial states.
@@ -158,7 +158,7 @@ def identify(source: Any, *, output: Block | Channels | None = None,
 
 
 def _combined(records, window, alpha, noise):
-    """The result for [output][input] of records, with white noise added."""
+    """Return the result for [output][input] of records, with white noise added."""
     rng = np.random.default_rng(0)
     if noise:
         records = [[replace(q, y=q.y + noise*np.ptp(q.y)*rng.standard_normal(len(q.y)))

@@ -27,7 +27,7 @@ COMPILED, PLAIN = 20000, 100  # at most in one sample
 
 
 def model(owner, source):
-    """The source if it is a model, else `ParameterError`."""
+    """Return the source if it is a model, else raise `ParameterError`."""
     control = sys.modules.get("control")  # who has a system of python-control has imported it
     names = ("TransferFunction", "StateSpace", "NonlinearIOSystem") if control else ()
     kinds = (Block, ClosedLoop, *(getattr(control, n) for n in names))
@@ -38,9 +38,9 @@ def model(owner, source):
 
 
 def responses(source, output, surface, window, amplitude, x0):
-    """Records of a model as [output][input], each input stepped by itself, and its unstable zeros.
+    """Return records of a model as [output][input], and its zeros in the right half plane.
 
-    The unforced motion is subtracted.
+    Each input is stepped by itself, and the unforced motion is subtracted.
     """
     h = window/SAMPLES
     control = sys.modules.get("control")
@@ -64,7 +64,7 @@ def responses(source, output, surface, window, amplitude, x0):
 
 
 def _finer(name, f, x, h, most):
-    """Integration steps per sample that the fastest mode of x' = f(x) needs at the start."""
+    """Return the integration steps per sample that the fastest mode of x' = f(x) needs at first."""
     rate, steps = f(x), 1e-6*(1.0 + np.abs(x))
     jacobian = np.column_stack([(f(x + s*e) - rate)/s
                                 for s, e in zip(steps, np.eye(len(x)), strict=True)])
@@ -81,13 +81,13 @@ def _diverged(name, since):
     if since > 0.0:
         why = f"diverges {since:.3g} s after the step; take a shorter window or a smaller amplitude"
     else:
-        why = "does not stay finite even before the step; look at its equations and initial state"
+        why = "does not stay finite even before the step; check its equations and initial state"
     return ParameterError(f"prd.identify: {name} {why}")
 
 
 # ---- each gives [input][output] of arrays of REST + MOTION samples, and the zeros ----------------
 def _linear(source, h, amplitude):
-    """Exact at the samples."""
+    """Respond exactly at the samples."""
     from scipy.linalg import expm  # slow to import, so only here
 
     A, B, C, D, _ = matrices(source, "prd.identify")
@@ -105,7 +105,7 @@ def _linear(source, h, amplitude):
 
 
 def _nonlinear(source, h, amplitude, x0):
-    """The system as a block, from `x0`; it is no code that a compiler knows."""
+    """Run the system as a block from `x0`, plain: a compiler does not know its code."""
     if not (source.nstates and source.ninputs and source.isctime()):
         raise ParameterError(f"prd.identify: source '{source.name}' has no states, no inputs or is "
                              "discrete-time; it must have both, and be continuous. A record of "
@@ -128,7 +128,7 @@ def _nonlinear(source, h, amplitude, x0):
         motion(0.0, x0, np.zeros(source.ninputs), 0.0)
         output(0.0, x0, np.zeros(source.ninputs))
     except Exception as why:
-        raise BlockError(f"source '{source.name}' does not run where it starts: "
+        raise BlockError(f"source '{source.name}' cannot be evaluated at its initial state: "
                          f"{type(why).__name__}: {why}") from why
     motion.__name__ = source.name
     plant = block(state={f"x{i}": v for i, v in enumerate(x0.tolist())})(motion)
@@ -136,7 +136,7 @@ def _nonlinear(source, h, amplitude, x0):
 
 
 def _block(source, output, surface, h, amplitude, most=COMPILED):
-    """The block in its loop, with the step in place of the law, by Runge-Kutta of order 4.
+    """Run the block in its loop, with the step in place of the law, by Runge-Kutta of order 4.
 
     It is compiled where there are many steps.
     """

@@ -23,13 +23,13 @@ class PRDResult:
     Attributes
     ----------
     prd : int or None
-        The answer: that of both methods, or of the one that is believed (see `identify`); None
+        The answer: that of both methods, or of the one that is trusted (see `identify`); None
         where neither can tell.
     confirmed : bool
         Both methods agree.
     time_scale : float
-        The window [s]: what happens within it counts as at once, and the answer holds for designs
-        no faster than it.
+        The window [s]: what happens within it counts as instantaneous, and the answer holds for
+        designs no faster than it.
     alpha : float
         The paper's parameter of the analyser.
     analyser : Analysis
@@ -40,7 +40,7 @@ class PRDResult:
         Step of the derivative of that order per unit of input, the high-frequency gain; NaN without
         an answer.
     noise_floor : float
-        Noise of the record relative to the greatest response in the window.
+        Noise of the record relative to the maximum response in the window.
     reason : str
         Why there is no answer, or why it is not confirmed; empty where it is.
     t, y : ndarray
@@ -78,16 +78,16 @@ class PRDResult:
         return f"The experimentally determined PRD is equal to {self.prd}{doubt}{_fast(self.zeros)}"
 
     def explain(self) -> str:
-        """The answer and the evidence of both methods, in words."""
+        """Describe the answer and the evidence of both methods."""
         a, b, r = self.analyser, self.power, self.prd
         lines = [f"{self.name}: {self}.",
-                 f"Time scale: {self.time_scale:.4g} s. What the plant does within it counts as at "
-                 "once; another time scale may have another answer."]
+                 f"Time scale: {self.time_scale:.4g} s. What the plant does within it counts as "
+                 "instantaneous; another time scale may have another answer."]
         if a.jumps:
             share = ", ".join(f"y^({k}) {q:.0%}" for k, q in enumerate(a.jumps, 1))
-            lines.append(f"Performance analyser, alpha = {self.alpha:g}: of its excursion each "
-                         f"derivative makes within the window {share}; the first with "
-                         f"{1 - self.alpha:.0%} or more is the step.")
+            lines.append(f"Performance analyser, alpha = {self.alpha:g}: within the window the "
+                         f"derivatives cover these shares of their excursions: {share}; the "
+                         f"first with {1 - self.alpha:.0%} or more is the step.")
         if a.prd:
             k = a.prd
             before = "y" if k == 1 else f"y^({k - 1})"
@@ -104,14 +104,14 @@ class PRDResult:
         if b.reason:
             lines.append(f"The power law gives no answer: {b.reason}.")
         elif r and a.prd not in (None, r):
-            lines.append("The power law is believed: extrapolated to the step, its slope is a "
+            lines.append("The power law is trusted: extrapolated to the step, its slope is a "
                          "whole number.")
         if r:
             lines.append(f"High-frequency gain: y^({r}) steps by {self.gain:.4g} per unit of "
                          "input.")
         if self.zeros:
             lines.append(_grows(self.zeros))
-        return "\n".join([*lines, f"Noise: {self.noise_floor:.2g} of the greatest response in the "
+        return "\n".join([*lines, f"Noise: {self.noise_floor:.2g} of the maximum response in the "
                                   "window."])
 
 
@@ -139,7 +139,7 @@ class VectorPRD:
         The vector relative degree: of each output, the lowest over the inputs; None where an input
         that acts on it cannot be told.
     confirmed : bool
-        So are all entries that decide it, and the matrix of their gains is regular.
+        All entries that decide it are confirmed, and the matrix of their gains is regular.
     time_scale : float
         The window [s].
     reason : str
@@ -165,7 +165,7 @@ class VectorPRD:
                 f"{_fast(self.zeros)}")
 
     def explain(self) -> str:
-        """The answer, and each entry in words."""
+        """Describe the answer and each entry."""
         return "\n\n".join([str(self) + ".", *(q.explain() for row in self.results for q in row),
                             *([_grows(self.zeros)] if self.zeros else [])])
 
