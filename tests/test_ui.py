@@ -280,6 +280,7 @@ def test_every_stage_has_a_group_the_design_before_the_world():
 def test_a_mask_offers_latency_and_method_of_its_loop():
     """Both are in force in the live plot, and come along to another loop of the same world."""
     picture = live({"line": RELAY, "relay": RELAY.with_(law=relay.with_(rho=3.0))})
+    picture.wait()
     m, before = picture.mask, picture.run
     assert m.widgets["method"].options == ("euler", "midpoint", "rk4") and m.method == "euler"
     slider = m.widgets["latency"]

@@ -296,12 +296,12 @@ class Mask(W.VBox):
 
     def in_this_world(self) -> dict[str, Loop]:
         """Return {name: loop} of all, each in the vehicle and world of the chosen one, as set."""
-        return {n: self._brought(self._state, n).target for n in self.offered}
+        return {n: loop for n, (loop, _) in self.settings().items()}
 
-    @property
-    def methods(self) -> dict[str, str | None]:
-        """{name: integration method} of all, as `in_this_world` brings them along."""
-        return {n: self._brought(self._state, n).method for n in self.offered}
+    def settings(self) -> dict[str, tuple[Loop, str | None]]:
+        """Return {name: (loop, integration method)} of all in the world of the chosen one."""
+        made = {n: self._brought(self._state, n) for n in self.offered}
+        return {n: (state.target, state.method) for n, state in made.items()}
 
     def _brought(self, state, new):
         """The state with another choice, which takes the changes of vehicle and world along.
