@@ -15,6 +15,7 @@ from .job import Cancelled, Job, Overtaken, interrupted
 from .live import FIRST, ROWS, Live
 from .mask import Page
 from .picture import Picture
+from .rows import zoomed
 from .text import said_html, why_diverged, why_not
 
 __all__ = ["Certificate", "Compare", "certificate", "compare"]
@@ -100,6 +101,7 @@ class Compare(Study):
     def __init__(self, source: Live | Mapping[str, ClosedLoop]):
         names = list(source.mask.offered if isinstance(source, Live) else source)
         self.runs: dict[str, Run] = {}
+        self._span: tuple = ()
         self._picked = frozenset(names[:MOST])
         self._toggles = {n: W.ToggleButton(i < MOST, description=n, tooltip=f"Show {n}")
                          for i, n in enumerate(names)}
@@ -112,6 +114,7 @@ class Compare(Study):
             t.observe(self._toggled, "value")
         if self._mask:
             self._mask.observe(self._stale, "target")
+        self._picture.view.observe(self._zoomed, "span")
         self._ask(FIRST)
 
     def set(self, *names: str) -> None:
@@ -165,16 +168,31 @@ class Compare(Study):
         loops = self.loops
         self.job.ask({n: loops[n] for n in self._toggles if n in self._picked}, patience)
 
+    def _zoomed(self, _):
+        """Draw what is zoomed to with all its rows; the loops are those compared."""
+        asked = self.job.worker.asked
+        if asked and (self.runs or self.job.worker.job):
+            self.job.ask({**asked[0]}, 0.0)
+
     def _study(self, asked, progress):
-        self.runs, runs = {}, {}
+        span = tuple(self._picture.view.span)
+        same = len(asked) == len(self.runs) and all(
+            n in self.runs and self.runs[n].loop is q for n, q in asked.items())
+        runs, shown = (self.runs if same and span != self._span else {}), {}
+        self.runs = {}
         for i, (name, loop) in enumerate(asked.items()):
-            runs[name] = simulate(loop, **self._times, record=ROWS,
-                                  progress=lambda q, i=i: progress((i + q)/len(asked)))
-        self.runs = runs
+            def part(q, i=i):
+                progress((i + q)/len(asked))
+
+            if name not in runs:
+                runs[name] = simulate(loop, **self._times, record=ROWS, progress=part)
+            if len(runs[name].t):
+                shown[name] = zoomed(loop, runs[name], span, self._times, simulate, part)
+        self.runs, self._span = runs, span
         # without the states of the laws: each has its own
-        several = len(runs) > 1
-        curves = {n: [c for c in panels(r, phase=True, compared=several) if c.row != LAW]
-                  for n, r in runs.items() if len(r.t)}
+        several = len(shown) > 1
+        curves = {n: [c for c in panels(r, phase=True, span=span or None, compared=several)
+                      if c.row != LAW] for n, r in shown.items()}
         self._show(draw(curves), comparison_html(runs))
         lost = [f"{n} {why_diverged(r)}" for n, r in runs.items() if r.diverged_at is not None]
         return "; ".join(lost), True
