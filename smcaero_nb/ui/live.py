@@ -10,7 +10,7 @@ import ipywidgets as W
 import plotly.graph_objects as go
 import traitlets
 
-from ..core import Block, ClosedLoop, Run, simulate
+from ..core import Block, ClosedLoop, simulate
 from .curves import Curve, before, draw, metrics_html, panels, structure, verdict_html
 from .figures import figure
 from .given import Loop, Loops, offered, seconds
@@ -18,7 +18,7 @@ from .given import states as known
 from .job import Cancelled, Job, Overtaken, interrupted
 from .mask import Mask
 from .picture import Download, Picture
-from .rows import joined, thinned, window
+from .rows import thinned, zoomed
 from .text import doubts_text, result_html, why_diverged, why_not
 
 __all__ = ["Live", "live"]
@@ -235,15 +235,15 @@ class Live(W.Box):
         """Draw a run; return what to say, whether it is refused, and whether it has no curves."""
         times = self.times | dict(method=method)
         what = loop, times, phase
-        zoomed = self._stored is not None and self._stored[0] is loop and self._zoom != span
-        if not zoomed or self._stored[1:3] != what[1:]:
+        stored = self._stored  # what is only zoomed is not simulated again
+        if stored is None or stored[0] is not loop or stored[1:3] != what[1:] or self._zoom == span:
             record = rows(loop, **self.times, phase=phase)
             fine = simulate(loop, **times, record=record, progress=progress)
             self._stored = *what, fine, thinned(fine, ROWS) if record == PLANE else fine
         self._zoom, (fine, run) = span, self._stored[3:]
         good, made = run.diverged_at is None, None
         if len(run.t):
-            shown = self._zoomed(loop, run, times, span, progress)
+            shown = zoomed(loop, run, span, times, simulate, progress)
             curves = panels(shown, self._states, phase, fine=fine, span=span or None)
             kept = good or not (self._good and self._good.choice == choice)
             figures = verdict_html(run) + metrics_html(run)
@@ -257,11 +257,6 @@ class Live(W.Box):
         end = f"; {ENDED}" + SHADOW*bool(made.shadow) if made else self._kept(choice)
         return f"{why_diverged(run)}{end}.", True, made is None
 
-    def _zoomed(self, loop: ClosedLoop, run: Run, times: dict[str, Any], span, progress) -> Run:
-        """A run with all rows of what is zoomed to."""
-        dt = times["dt"] or loop.dt
-        part = window(run, span, dt) if span and dt else {}
-        return joined(run, simulate(loop, **times | part, progress=progress)) if part else run
 
     def _shadow(self, choice, loop, good):
         """The curves of the setting before, or of the last good one behind a run that was lost."""

@@ -15,6 +15,7 @@ from .job import Cancelled, Job, Overtaken, interrupted
 from .live import FIRST, ROWS, Live
 from .mask import Page
 from .picture import Picture
+from .rows import zoomed
 from .text import said_html, why_diverged, why_not
 
 __all__ = ["Certificate", "Compare", "certificate", "compare"]
@@ -106,6 +107,7 @@ class Compare(Study):
         names = list(source.mask.offered if isinstance(source, Live) else source)
         self.runs: dict[str, Run] = {}
         self._told, self._lost = "", False  # what there is to say of them, whether one was lost
+        self._span: tuple = ()
         self._picked = frozenset(names[:MOST])
         self._toggles = {n: W.ToggleButton(i < MOST, description=n, tooltip=f"Show {n}")
                          for i, n in enumerate(names)}
@@ -118,6 +120,7 @@ class Compare(Study):
             t.observe(self._toggled, "value")
         if self._mask:
             self._mask.observe(self._stale, "target")
+        self._picture.view.observe(self._zoomed, "span")
         self._ask(FIRST)
 
     def set(self, *names: str) -> None:
@@ -172,16 +175,33 @@ class Compare(Study):
         now = self._settings()
         self.job.ask({n: now[n] for n in self._toggles if n in self._picked}, patience)
 
+    def _zoomed(self, _):
+        """Draw what is zoomed to with all its rows; the loops are those compared."""
+        asked = self.job.worker.asked
+        if asked and (self.runs or self.job.worker.job):
+            self.job.ask({**asked[0]}, 0.0)
+
     def _study(self, asked, progress):
-        self.runs, runs = {}, {}
+        span = tuple(self._picture.view.span)
+        same = len(asked) == len(self.runs) and all(
+            n in self.runs and self.runs[n].loop is q and method in (None, self.runs[n].method)
+            for n, (q, method) in asked.items())
+        runs, shown = (self.runs if same and span != self._span else {}), {}
+        self.runs = {}
         for i, (name, (loop, method)) in enumerate(asked.items()):
-            runs[name] = simulate(loop, **self._times, method=method, record=ROWS,
-                                  progress=lambda q, i=i: progress((i + q)/len(asked)))
-        self.runs = runs
+            def part(q, i=i):
+                progress((i + q)/len(asked))
+
+            times = self._times | dict(method=method)
+            if name not in runs:
+                runs[name] = simulate(loop, **times, record=ROWS, progress=part)
+            if len(runs[name].t):
+                shown[name] = zoomed(loop, runs[name], span, times, simulate, part)
+        self.runs, self._span = runs, span
         # without the states of the laws: each has its own
-        several = len(runs) > 1
-        curves = {n: [c for c in panels(r, phase=True, compared=several) if c.row != LAW]
-                  for n, r in runs.items() if len(r.t)}
+        several = len(shown) > 1
+        curves = {n: [c for c in panels(r, phase=True, span=span or None, compared=several)
+                      if c.row != LAW] for n, r in shown.items()}
         self._show(draw(curves), comparison_html(runs))
         lost = [f"{n} {why_diverged(r)}" for n, r in runs.items() if r.diverged_at is not None]
         doubtful = [f"{n}: {q}." for n, r in runs.items() for q in r.doubts()]

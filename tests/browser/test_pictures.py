@@ -188,7 +188,7 @@ def pixels(page):
 HIDE = """async ([name, there]) => { const plot = document.querySelector('.js-plotly-plot');
     const at = plot.data.map((t, i) => t.legendgroup === name ? i : -1).filter(i => i >= 0);
     await Plotly.restyle(plot, { opacity: there ? 1 : 0 }, at) }"""
-PANEL = """() => { const plot = document.querySelector('.js-plotly-plot'), { _size, height } = plot._fullLayout;
+PANEL = """() => { const plot = document.querySelector('.js-plotly-plot');
     const y = plot.data.find(t => t.meta.startsWith('u')).yaxis.replace('y', 'yaxis');
     const { _offset, _length } = plot._fullLayout[y], box = plot.getBoundingClientRect();
     return [box.top + _offset, box.top + _offset + _length] }"""
@@ -216,7 +216,8 @@ def test_a_figure_of_plot_has_no_button_that_shares_it(shown):
 
 
 OVERLAPS = """() => { const plot = document.querySelector('.js-plotly-plot');
-    const parts = '.infolayer > [class*=legend], .infolayer [class*=title] text, .infolayer text[class*=title]';
+    const parts = ['> [class*=legend]', '[class*=title] text', 'text[class*=title]']
+        .map(q => `.infolayer ${q}`).join();
     const boxes = [...new Set(plot.querySelectorAll(parts))].filter(e => e.textContent.trim())
         .map(e => [e.textContent, e.getBoundingClientRect()]);
     const apart = (a, b) => a.right <= b.left + 1 || b.right <= a.left + 1
