@@ -151,7 +151,10 @@ def agree(p, page):
 def drag(w, v, page):
     """Move a slider in the page; if Ctrl-C comes before the message is read, nobody hears of it."""
     page.setdefault(w.comm.comm_id, {}).pop("value", None)
-    w.set_state({"value": v})
+    try:
+        w.set_state({"value": v})
+    finally:  # ipywidgets keeps its lock if interrupted as it takes it; the next message frees it
+        w.set_state({})
 
 
 ACTIONS = {
