@@ -17,6 +17,7 @@ from .catalogue import catalogue, cite
 from .core import (
     Block,
     BlockError,
+    Buffer,
     Chain,
     Channels,
     ClosedLoop,
@@ -33,10 +34,10 @@ from .core import (
     vec,
 )
 
-__all__ = ["Block", "BlockError", "Chain", "Channels", "ClosedLoop", "Metrics", "Param",
-           "ParameterError", "Run", "accuracy", "applications", "block", "card", "catalogue",
-           "chain", "channels", "cite", "differentiators", "hosmc", "interop", "lv", "pid",
-           "prd", "rpl", "simulate", "smc1", "smc2", "surface", "vec"]
+__all__ = ["Block", "BlockError", "Buffer", "Chain", "Channels", "ClosedLoop", "Metrics",
+           "Param", "ParameterError", "Run", "accuracy", "applications", "block", "card",
+           "catalogue", "chain", "channels", "cite", "differentiators", "hosmc", "interop", "lv",
+           "pid", "prd", "rpl", "simulate", "smc1", "smc2", "surface", "vec"]
 __version__ = "0.1.0"
 
 

@@ -13,12 +13,12 @@ __all__ = ["catalogue", "cite"]
 
 
 def catalogue(*modules: ModuleType) -> dict:
-    """Blocks, and functions that make blocks, of the kit and of modules of your own.
+    """List the blocks, and the functions that make blocks, of the kit and of your own modules.
 
     Parameters
     ----------
     *modules : module
-        Modules of your own. Of each, the names in its ``__all__`` count, or those without a leading
+        Your own modules. Of each, the names in its ``__all__`` count, or those without a leading
         underscore; what it imports from elsewhere does not.
 
     Returns
@@ -57,7 +57,7 @@ def _blocks(module):
 
 
 def cite(source: Block | Channels | ClosedLoop) -> str:
-    """References of a block, or of all blocks of a loop, one a line.
+    """Return the references of a block, or of all blocks of a loop, one a line.
 
     Parameters
     ----------

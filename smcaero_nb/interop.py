@@ -10,6 +10,7 @@ from .core import Block, Param, ParameterError, block
 from .core.card import Output, Plant
 from .core.family import family, written
 from .core.signal import generated, leaves
+from .core.zeros import named, unstable, zeros
 
 __all__ = ["from_control"]
 
@@ -27,29 +28,44 @@ def _total(u, d):
 total = generated("u, d", _total)
 
 
-def matrices(sys: Any) -> tuple:
+#: Way out for systems that are not linear equations, by the name of their class.
+OTHERS = {
+    "NonlinearIOSystem":
+        " Its equations are Python that cannot be compiled into a loop. Write them as a plant:\n\n"
+        "@block(state=dict(x0=0.0, x1=0.0))\n"
+        "def plant(x, u, d):\n"
+        "    return x[1], -x[0] + u + d\n\n"
+        "or take its linearisation, sys.linearize(x0, u0)",
+    "FrequencyResponseData":
+        " Its samples are not equations; fit a transfer function to them, and give that",
+}
+
+
+def matrices(sys: Any, owner: str = "interop.from_control") -> tuple:
     """A, B, C, D and the names of the states of a continuous proper system; see `from_control`."""
     import control  # it takes a second to import, so only here
 
     if not isinstance(sys, (control.TransferFunction, control.StateSpace)):
-        raise ParameterError(f"interop.from_control: sys = {type(sys).__name__} is not allowed; it "
-                             "must be a control.TransferFunction or control.StateSpace")
+        way = next((q for n, q in OTHERS.items() if isinstance(sys, getattr(control, n))), "")
+        raise ParameterError(f"{owner}: sys = {type(sys).__name__} is not allowed; it must be a "
+                             "control.TransferFunction or control.StateSpace" + "."*bool(way) + way)
     if not control.isctime(sys):
         step = "of unspecified length" if sys.dt is True else f"of {sys.dt:g} s"
-        raise ParameterError(f"interop.from_control: sys is discrete-time, with steps {step}; a "
-                             "plant is continuous (dt = 0): the engine integrates dx/dt")
+        raise ParameterError(f"{owner}: sys is discrete-time, with steps {step}; a plant is "
+                             "continuous (dt = 0): the engine integrates dx/dt. Give the system "
+                             "that it was made of, as it was before control.c2d; a sampled "
+                             "controller or filter is a block with memory, @block(state=...)")
     if isinstance(sys, control.StateSpace):
         a, names = (sys.A, sys.B, sys.C, sys.D), sys.state_labels
     else:
-        a = _realised(sys.num, sys.den)
+        a = _realised(sys.num, sys.den, owner)
         names = [f"x{i}" for i in range(len(a[0]))]
     if not all(np.isfinite(q).all() for q in a):
-        raise ParameterError("interop.from_control: sys has a coefficient that is not a finite "
-                             "number")
+        raise ParameterError(f"{owner}: sys has a coefficient that is not a finite number")
     return *(np.asarray(q, float) for q in a), names
 
 
-def _realised(num, den):
+def _realised(num, den, owner):
     """Controllable companion forms, one per input and denominator.
 
     They are sparse, and minimal for one input and output.
@@ -60,7 +76,7 @@ def _realised(num, den):
         for j, q in enumerate(row):
             b, a = (np.trim_zeros(np.atleast_1d(p), "f") for p in (q, den[i][j]))
             if len(b) > len(a):
-                raise ParameterError(f"interop.from_control: sys is improper from input {j + 1} to "
+                raise ParameterError(f"{owner}: sys is improper from input {j + 1} to "
                                      f"output {i + 1}: degree {len(b) - 1} over {len(a) - 1}; the "
                                      "numerator's may be at most the denominator's")
             b, a = np.concatenate([np.zeros(len(a) - len(b)), b])/a[0], a/a[0]
@@ -116,7 +132,7 @@ DOC = r"""Linear plant {name}: {n} states, {m} input(s), {p} output(s).
 
     Notes
     -----
-    Made by `interop.from_control`. Not in the paper.
+    Made by `interop.from_control`. Not in the paper.{zeros}
     """
 
 
@@ -147,9 +163,10 @@ def from_control(sys: Any) -> Block:
     Notes
     -----
     The sums are written out without the zeros of A, B, C, D, and compile into the loop like any
-    other block. A transfer function is realised in controllable companion form, one for each input
-    and denominator: minimal for one input and output, not always for more. The coefficients are
-    constants: another system is another block, and compiles anew.
+    other block. Unless `simulate` is given another method, the plant is advanced exactly from step
+    to step; its attribute `A` serves for that. A transfer function is realised in controllable
+    companion form, one for each input and denominator: minimal for one input and output, not always
+    for more. The coefficients are constants: another system is another block, and compiles anew.
 
     With a direct feedthrough (D other than 0: relative degree 0) a sample measures y under the
     control of the sample before, and its own acts from then on: no loop is algebraic. But feedback
@@ -173,6 +190,9 @@ def from_control(sys: Any) -> Block:
     return linear(A, B, C, D, _identifiers(labels), sys.name)
 
 
+vars(from_control)["card"] = Plant()  # as of `linear`, which makes the block: `catalogue` lists it
+
+
 @family(card=Plant())
 def linear(A, B, C, D, states, name):
     """Plant block of x' = A x + B (u + d), with its output y as attribute; see `from_control`."""
@@ -180,10 +200,18 @@ def linear(A, B, C, D, states, name):
     rates = ", ".join(_row([*a, *b], x + u) for a, b in zip(A, B, strict=True))
     f = written(_identifiers([name])[0], "x, u, d", _unpacked(x, u) + f"return ({rates},)",
                 {"__name__": __name__, "total": total},
-                DOC.format(name=name, n=len(A), m=len(u), p=len(C)))
+                DOC.format(name=name, n=len(A), m=len(u), p=len(C), zeros=_warned(A, B, C, D)))
     plant = block(f, state={s: (0.0, Param(_symbol(s))) for s in states})
-    plant.y = linear_output(C, D, name)  # pyright: ignore[reportAttributeAccessIssue]
+    vars(plant).update(y=linear_output(C, D, name), A=np.array(A, float))
     return plant
+
+
+def _warned(A, B, C, D):
+    """What zeros in the right half plane do, as a paragraph of a docstring."""
+    found = unstable(zeros(*(np.array(q, float) for q in (A, B, C, D))))
+    return (f"\n\n    It has {named(found)} in the right half plane: while y is held at zero, as "
+            f"in sliding mode,\n    the other states grow as exp({found[0].real:.3g} t)."
+            if found else "")
 
 
 @family(card=Output())

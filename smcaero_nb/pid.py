@@ -1,4 +1,4 @@
-"""PD and PID control: the baseline that sliding mode laws are compared with."""
+"""PD and PID control: the baseline against which sliding mode laws are compared."""
 
 from typing import Annotated
 
@@ -71,7 +71,7 @@ def pid(r, y, z, tau, k_p: Annotated[float, K_P] = 1.0, k_i: Integral = 0.1,
 
     Notes
     -----
-    The integral knows nothing of a saturated actuator and winds up behind one.
+    The integral does not know of the actuator's limits, and winds up behind them.
 
     References
     ----------

@@ -47,7 +47,7 @@ class Table:
     Parameters
     ----------
     owner : str
-        Who reads, for messages.
+        The function that reads, for messages.
     source : str, path or open file
         A file, of text or bytes; an open one is named by its attribute `name`.
 
@@ -99,7 +99,7 @@ class Table:
 
     @cached_property
     def rows(self):
-        """The fields of each line."""
+        """Fields of each line."""
         return [self._split(q) for q in self._rows]
 
     def refuse(self, said: str, line: int = 0) -> NoReturn:
@@ -158,7 +158,7 @@ class Table:
         return field
 
     def column(self, what, name):
-        """The numbers of a column, and its unit.
+        """Return the numbers of a column, and its unit.
 
         Raises
         ------
@@ -167,19 +167,19 @@ class Table:
             (named by line and column).
         """
         if not isinstance(name, str) or name not in self.names:
-            self.refuse(f"{what} = {said(name)} is not there; the columns are {listed(self.names)}",
-                        self.top)
+            self.refuse(f"{what} = {said(name)} does not exist; the columns are "
+                        f"{listed(self.names)}", self.top)
         if self.names.count(name) > 1:
-            self.refuse(f"{what} = {said(name)} stands over {self.names.count(name)} columns; give "
-                        "each a name of its own", self.top)
+            self.refuse(f"{what} = {said(name)} names {self.names.count(name)} columns; give each "
+                        "its own name", self.top)
         if (other := self._serves.setdefault(name, what)) != what:
-            self.refuse(f"{what} = {said(name)} serves as {other} already; each needs a column of "
-                        "its own", self.top)
+            self.refuse(f"{what} = {said(name)} is already used as {other}; each needs its own "
+                        "column", self.top)
         j = self.names.index(name)
         values, mixed = np.empty(len(self.rows)), any(self.marks)
         for k, (line, fields) in enumerate(zip(self.lines, self.rows, strict=True)):
             if len(fields) != len(self.names):
-                self.refuse(f"{len(fields)} columns, but the names are {len(self.names)}; the "
+                self.refuse(f"{len(fields)} columns, but {len(self.names)} names; the "
                             f"delimiter is {DELIMITERS[self.sep]}", line)
             if mixed and (other := self._unclear(fields[j])):
                 self.refuse(f"column {j + 1} ('{name}'): {said(fields[j])} may mean thousands or "
@@ -193,11 +193,11 @@ class Table:
         return values, self.units[j]
 
     def chosen(self, *names: str | None) -> list[str]:
-        """The names given; in place of None, the name of the column at that position."""
+        """Return the names given; in place of None, the name of the column at that position."""
         return [n if given is None else given for n, given in zip(self.names, names, strict=False)]
 
     def times(self, name: str) -> np.ndarray:
-        """The column of time [s], which increases."""
+        """Return the column of time [s], which increases."""
         t, unit = self.column("t", name)
         if len(wrong := np.flatnonzero(np.diff(t) <= 0.0)):
             k, j = wrong[0] + 1, self.names.index(name)
@@ -210,7 +210,7 @@ class Table:
         return t*SECONDS[unit.lower()]
 
     def about(self, **chosen):
-        """What was found, in words, and which column serves for what."""
+        """Describe what was found, and which column serves for what."""
         said = ", ".join(f"{what} = '{n}' "
                          f"[{self.units[self.names.index(n)] or ('s' if what == 't' else '?')}]"
                          for what, n in chosen.items() if n)
@@ -225,7 +225,7 @@ GAP = 10.0  # a step longer than this times what nine of ten steps do not exceed
 EVEN = 0.01  # of the mean step: steps that differ by less count as equal
 #: {kind of a dtype: what it holds, and the way out}
 REFUSED = {
-    "M": "dates; give seconds from some time on: (t - t[0])/np.timedelta64(1, 's')",
+    "M": "dates; give seconds from some instant: (t - t[0])/np.timedelta64(1, 's')",
     "m": "durations; give seconds: t/np.timedelta64(1, 's')",
     "c": "complex numbers; give their real parts or their sizes",
     "b": "switches (True, False); give numbers: np.asarray(..., float)",
@@ -236,7 +236,7 @@ REFUSED = {
 
 
 def numbers(owner: str, name: str, values: Any) -> np.ndarray:
-    """Real numbers of any shape, as a new or the same array of float.
+    """Return real numbers of any shape as an array of float, new or the same.
 
     Raises
     ------
@@ -283,7 +283,7 @@ def numbers(owner: str, name: str, values: Any) -> np.ndarray:
 
 
 def columns(owner: str, t: Any, y: Any, name: str = "y") -> tuple[np.ndarray, np.ndarray]:
-    """Times and samples as two arrays of float, of the same length; else `ParameterError`."""
+    """Return times and samples as arrays of float, of the same length; else `ParameterError`."""
     t, y = numbers(owner, "t", t), numbers(owner, name, y)
     if t.ndim != 1 or t.shape != y.shape or len(t) < 2:
         raise ParameterError(f"{owner}: t and {name} must be two sequences of the same length, 2 "
@@ -311,14 +311,14 @@ def check_samples(owner: str, t: np.ndarray, y: np.ndarray, name: str = "y") -> 
 
 
 def record(owner: str, t: Any, y: Any, name: str = "y") -> tuple[np.ndarray, np.ndarray]:
-    """Times and samples as two new arrays of float, finite, the times increasing."""
+    """Return times and samples as two new arrays of float, finite, the times increasing."""
     t, y = (q.copy() for q in columns(owner, t, y, name))
     check_samples(owner, t, y, name)
     return t, y
 
 
 def longest_step(t: np.ndarray) -> float:
-    """Longest step that is not yet a gap, found from about ten thousand of the steps."""
+    """Return the longest step that is not yet a gap, found from about ten thousand of the steps."""
     stride = max(1, len(t)//10_000)
     with np.errstate(over="ignore"):
         return GAP*float(np.quantile(t[1::stride] - t[:-1:stride], 0.9, method="lower"))

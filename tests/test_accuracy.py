@@ -7,7 +7,17 @@ import pytest
 from chain import loop_of_two, signs
 
 import smcaero_nb as smc
-from smcaero_nb import ParameterError, accuracy, applications, block, hosmc, smc1, smc2
+from smcaero_nb import (
+    ClosedLoop,
+    ParameterError,
+    accuracy,
+    applications,
+    block,
+    hosmc,
+    simulate,
+    smc1,
+    smc2,
+)
 from smcaero_nb.applications import perturbed_chain
 
 
@@ -25,6 +35,7 @@ def test_order_of_the_laws(law, r, order):
     assert len(found.names) == r and found.sizes.shape == (r, 5)
     assert found.explain().startswith(f"Sliding of order {order}: |sigma| ~ "
                                       f"tau^{found.slopes[0]:.2f}")
+    assert found.explain().endswith("; shown from this start and under this perturbation.")
 
 
 def test_several_inputs():
@@ -85,3 +96,36 @@ def test_a_loop_that_ends_before_its_second_half_has_no_order():
     found = accuracy(perturbed_chain(smc1.sign_smc, 1).with_(stop=early), duration=4.0)
     assert (found.order is None and np.isnan(found.sizes).all()
             and "ended before its second half" in str(found))
+
+
+def test_what_is_measured_has_the_names_of_its_leaves():
+    """One law for two channels with derivatives: sigma[0], sigma[0]', ..., not sigma[0] to [3]."""
+    one = hosmc.quasi_continuous(2).with_(L=2.0)
+
+    @block(card=smc.card.Law(r=2, sees="derivatives", channels=True))
+    def law(sigma):
+        return one(sigma[0]), one(sigma[1])
+
+    @block(state=dict(a=1.0, da=0.0, b=0.5, db=0.0))
+    def motions(x, u, d):
+        return x[1], u[0] + d, x[3], u[1] + d
+
+    loop = ClosedLoop(motions, output=block(lambda x: ((x[0], x[1]), (x[2], x[3]))), law=law,
+                      perturbation=block(lambda t: 0.3*math.sin(t)))
+    found = accuracy(loop, 15.0, 1e-3)
+    leaves = simulate(loop, 1.0, 1e-3, jit=False).leaves("sigma")
+    assert found.names == tuple(q.key for q in leaves) == ("sigma[0]", "sigma[0]'", "sigma[1]",
+                                                           "sigma[1]'")
+    assert found.slopes == pytest.approx([2.0, 1.0, 2.0, 1.0], abs=0.25) and found.order == 2
+
+
+def test_times_that_the_factors_make_impossible_are_said_to_come_from_them():
+    """A latency of 3 ms is a multiple of dt = 1 ms, but not of the 4 ms of the first factor."""
+    loop = perturbed_chain(smc1.sign_smc, 1).with_(latency=3e-3, dt=1e-3)
+    with pytest.raises(ParameterError, match=(
+            "accuracy: tau and dt are multiplied by the factors, here by 4, and then: simulate: "
+            r"latency = 0.003 s is not allowed; .* multiple of dt = 0.004 s.*other factors\)$")):
+        accuracy(loop)
+    with pytest.raises(ParameterError, match="here by 4, and then: .*pulse = 0.05 s.*tau = 0.2 s"):
+        accuracy(smc.rpl.loop())
+    assert len(accuracy(loop, 2.0, factors=(3.0, 1.0, 0.5, 0.25)).tau) == 4

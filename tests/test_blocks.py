@@ -18,6 +18,7 @@ from smcaero_nb import (
     Param,
     ParameterError,
     block,
+    chain,
     channels,
     simulate,
 )
@@ -415,7 +416,9 @@ def test_the_double_underscore_reaches_into_a_stage():
     (dict(law__k="high"), ["k = 'high' is not allowed"]),
     (dict(law__on=1), ["on = 1 is not allowed; it is a switch, True or False"]),
     (dict(surface__c=1.0), ["surface is not used, so it has no 'c'"]),
-    (dict(plant__theta=1.0), ["integrator has no 'theta'", "It has: x"])])
+    (dict(plant__theta=1.0), ["integrator has no 'theta'", "It has: x"]),
+    (dict(order=2), ["ClosedLoop has no 'order'; did you mean 'law__order'? It has: "]),
+    (dict(law_order=2), ["ClosedLoop has no 'law_order'; did you mean 'law__order'?"])])
 def test_bad_changes_name_thing_value_unit_and_what_is_allowed(changes, words):
     with pytest.raises(ParameterError) as why:
         ClosedLoop(integrator, output=minus, law=law).with_(**changes)
@@ -455,6 +458,48 @@ def test_the_output_follows_the_plant_in_what_they_share():
     assert simulate(loop.with_(plant__k=3.0, output__offset=0.0), 1.0, 1.0, jit=False).y[0] == 3.0
     with pytest.raises(ParameterError, match="k of the output follows the plant; set plant__k"):
         loop.with_(output__k=1.0)
+
+
+@pytest.mark.parametrize("made", [chain, channels])
+def test_a_name_inside_a_part_is_suggested_with_its_path(made):
+    both = made(first=law, second=remembers)
+    for name, said in (("gain", "second__gain"), ("k", "first__k"), ("firs", "first")):
+        with pytest.raises(ParameterError, match=f"{made.__name__} has no '{name}'; did you mean "
+                                                 f"'{said}'. It has: first, second"):
+            both.with_(**{name: 1.0})
+
+
+@pytest.mark.parametrize("made", [chain, channels])
+@pytest.mark.parametrize("name", ["a b", "1st", "class", "a__b", ""])
+def test_the_name_of_a_part_can_be_reached_into(made, name):
+    with pytest.raises(BlockError, match=f"^{made.__name__}: a part cannot be called '{name}'"):
+        made(**{name: law})
+
+
+@pytest.mark.parametrize("f", [lambda *sigma: 0.0, lambda sigma, **more: 0.0])
+def test_arguments_without_names_of_their_own_are_refused(f):
+    with pytest.raises(BlockError, match=r"<lambda> takes \*args or \*\*kwargs, but"):
+        block(f)
+
+
+@pytest.mark.parametrize("made", [chain, channels])
+def test_parts_of_the_output_follow_the_plant_too(made):
+    @block(state=dict(x=1.0, v=1.0))
+    def plant(u, k=2.0):
+        return (-k*u[0], -k*u[1]) if isinstance(u, tuple) else (-k*u, -k*u)
+
+    @block
+    def scaled(x, k=7.0, offset=0.5):
+        return (k*x[0], k*x[1])
+
+    loop = ClosedLoop(plant, output=made(a=scaled, b=scaled), law=block(lambda t: (0.0, 0.0)))
+    factor = 9.0 if made is chain else 3.0
+    y = simulate(loop.with_(plant__k=3.0), 1.0, 1.0, jit=False).y
+    assert all(q[0] == factor for q in signal.flat(y))
+    assert loop.with_(plant__k=3.0).p["output"] == (3.0, 0.5)*2
+    assert "output__a__k" not in loop.settable() and "output__a__offset" in loop.settable()
+    with pytest.raises(ParameterError, match="k of the output follows the plant; set plant__k"):
+        loop.with_(output__b__k=1.0)
 
 
 # ---- channels ------------------------------------------------------------------------------------

@@ -206,7 +206,7 @@ def test_float64_ends_the_accuracy():
     with pytest.warns(UserWarning, match="float64"):
         fine = errors("levant", 12, 0, 1e-3)
     assert fine[5] > 1e-6 and fine[8] > 0.05
-    with pytest.warns(UserWarning, match="n_d \\+ n_f = 8 is more than float64 serves"):
+    with pytest.warns(UserWarning, match="n_d \\+ n_f = 8 is more than float64 can resolve"):
         assert "float64" in differentiator(5, 3).params["L"].help
     differentiator(5, 2)
 

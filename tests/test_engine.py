@@ -766,7 +766,8 @@ def test_a_run_that_is_out_of_bounds_from_the_start_has_no_rows():
     (dict(dt=-1e-3), ["dt = -0.001 s", "larger than 0 s"]),
     (dict(dt=math.nan), ["dt = nan s"]),
     (dict(dt=1j), ["dt = 1j is not allowed"]),
-    (dict(dt=1e-300), ["dt = 1e-300 s is not allowed", "1e15 steps"]),
+    (dict(dt=1e-300), ["dt = 1e-300 s is not allowed", "1 s would take 1e+300 steps"]),
+    (dict(duration=5e9), ["5e+09 s would take 5e+12 steps; at most 1e+11, ", "a larger dt"]),
     (dict(tau=0.0), ["tau = 0 s is not allowed", "larger than 0 s"]),
     (dict(tau=1.5e-3), ["tau = 0.0015 s is not allowed", "a multiple of dt = 0.001 s"]),
     (dict(tau=0.4e-3), ["tau = 0.0004 s", "a multiple of dt = 0.001 s"]),
@@ -1065,12 +1066,6 @@ def test_an_error_of_shape_speaks_of_the_shape_and_the_way_out():
         simulate(ClosedLoop(linear, law=smc.smc2.twisting), 1.0, 0.1)
 
 
-def test_a_state_that_is_a_tuple_is_refused_with_the_way_out():
-    with pytest.raises(BlockError,
-                       match=r"state w = \(0.0, 0.0, 0.0\) .*name one for each number, w_0, w_1"):
-        block(state=dict(w=(0.0, 0.0, 0.0)))(lambda x: x)
-
-
 def test_tail_figures_of_run_and_metrics_have_one_shape():
     motor = smc.applications.dc_motor("super_twisting")
     for loop in (smc.lv.loop("quasi_smc"), smc.rpl.loop("adaptive_smc"), motor, ClosedLoop(linear)):
@@ -1127,3 +1122,68 @@ def test_numbers_that_were_drawn_once_may_have_any_name():
          "def law(sigma, t): return np.abs(random[int(t)]) - sigma",
          names := {"__name__": "__main__"})
     assert simulate(ClosedLoop(linear, law=block(names["law"])), 1.0, 0.1, jit=False).steps == 10
+
+
+# ---- which signal an error is about --------------------------------------------------------------
+@pytest.mark.parametrize(("stage", "wrong", "said"), [
+    ("plant", lambda x, u, d: (x[1], u + d[0]), "write d, without an index"),
+    ("plant", lambda x, u, d: (x[1], d + u[0]), "write u, without an index"),
+    ("plant", lambda x, u, d: (x[1], u + d + x), r"x\[0\] is the first component of x"),
+    ("plant", lambda x, u, d: (x[1] + x[2], u + d), r"x has 2 components, x\[0\] to x\[1\]$"),
+    ("law", lambda y, e: y[0]*2.0*e, r"e\[0\] is the first component of e"),
+    ("law", lambda y, e: y[0] + e[2], r"tuple of 2\)\. e has 2 components, e\[0\] to e\[1\]$"),
+    ("output", lambda x: (x[0], x[1], x[2]), "x has 2 components")])
+def test_a_hint_names_the_signal_of_the_failing_expression(stage, wrong, said):
+    """Not the first one that it could be."""
+    plant = block(state=dict(x=1.0, v=0.0))
+    loop = ClosedLoop(plant(wrong if stage == "plant" else lambda x, u, d: (x[1], u + d)),
+                      output=block(lambda x: (x[0], x[1])), law=block(lambda e: e[0]))
+    with pytest.raises(BlockError, match=said):
+        simulate(loop if stage == "plant" else loop.with_(**{stage: block(wrong)}), 1.0, 0.1)
+
+
+def test_a_hint_names_the_signal_that_a_helper_of_the_block_was_given():
+    def heavy(q):
+        return 2.0*q
+
+    @block
+    def law(y, e):
+        return heavy(e)
+
+    with pytest.raises(BlockError, match=r"e\[0\] is the first component of e"):
+        simulate(smc.applications.double_integrator("sign_smc").with_(law=law, surface=None))
+
+
+def test_one_component_is_singular():
+    @block(state=dict(x=1.0))
+    def plant(x, u, d):
+        return (u + x[1],)
+
+    with pytest.raises(BlockError, match=r"x has 1 component, x\[0\]$"):
+        simulate(ClosedLoop(plant), 1.0, 0.1)
+
+
+def test_a_sensor_that_gives_fewer_numbers_than_the_output_is_named():
+    loop = smc.applications.double_integrator("sign_smc").with_(
+        reference=block(lambda t: (1.0, 0.0)), sensor=block(lambda y: y[0]))
+    with pytest.raises(BlockError, match=(
+            r"^sensor '<lambda>' gives y_m = 1 \(a number\), which does not fit r = \(1.0, 0.0\) .*"
+            "let it give as many numbers as y has")):
+        simulate(loop)
+
+
+def test_what_a_block_was_given_has_its_own_names_and_where_they_come_from():
+    """In a chain, the path of the block before; in channels, the component that it sees."""
+    wrong = block(lambda y: 2.0*y)
+    loop = smc.applications.double_integrator("sign_smc")
+    for sensor, said in (
+            (smc.chain(first=block(lambda y: y), second=wrong), "y = sensor__first = .1.0, 0.0."),
+            (wrong, "given y = .1.0, 0.0.")):
+        with pytest.raises(BlockError, match=f"{said} .a tuple of 2.. y.0. is the first"):
+            simulate(loop.with_(sensor=sensor))
+    with pytest.raises(BlockError, match=r"given e = e_hat = .* e has 2 components"):
+        simulate(loop.with_(differentiator=smc.differentiators.differentiator(1), surface=None,
+                            output=block(lambda x: x[0]), law=block(lambda e: e[2])))
+    side = smc.rpl.loop().with_(law__descent=block(lambda sigma: sigma[1]))
+    with pytest.raises(BlockError, match=r"given sigma = \S+ \(a number\)"):
+        simulate(side)

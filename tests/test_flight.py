@@ -89,7 +89,7 @@ def test_the_lander_is_where_and_how_the_run_says(run):
         film.show(t)
         k = np.searchsorted(run.t, t - 1e-9)
         seen = shapes(film)
-        assert seen["ground"][0, 1] == pytest.approx(max(-2.4 - run.x.altitude[k], -13.0))
+        assert seen["ground"][0, 1] == pytest.approx(max(-2.4 - run.x.altitude[k], -26.0))
         across = seen["body"][1] - seen["body"][0]  # along the floor of the body
         angle = math.atan2(across[1], across[0])
         assert angle == pytest.approx(run.x.theta[k] - math.pi/2, abs=1e-9)
@@ -136,6 +136,35 @@ def test_play_and_slider_are_one(run):
     assert film._play.value == 247
     film._speed.value = 40
     assert film._play.step == 40
+
+
+@pytest.mark.parametrize("step", [2, 10, 40])
+def test_play_ends_at_touchdown_at_any_speed(run, step):
+    """The page adds `step` while the sum is at most `max`, whatever is left over."""
+    film = flight(run)
+    film._speed.value = step
+    while film._play.value + film._play.step <= film._play.max:
+        film._play.value += film._play.step
+    assert film.t == film.slider.max and film.t - run.stopped_at < 0.05
+    assert f"t = {run.t[-1]:.2f} s" in film.said and "touchdown" in film.said
+    film.show(run.t[-1] - 0.1)
+    assert "touchdown" not in film.said
+
+
+def test_ground_and_lander_are_on_the_altitude_scale(run):
+    """It shows the ground and the lander at any height, and so does the view at touchdown."""
+    film, tops = flight(run), set()
+    for t in np.linspace(0.0, run.t[-1], 60):
+        film.show(t)
+        layout = film._picture.curves.drawing["layout"]
+        bottom, top = layout["yaxis5"]["range"]
+        height = run.x.altitude[np.searchsorted(run.t, film.t + 1e-9) - 1]
+        assert film.figure.data[6].y == (height,)
+        assert bottom < 0.0 < top and height < 0.92*top and (height > 0.3*top or top == 10.0)
+        tops.add(top)
+    assert tops >= {10000.0, 1000.0, 100.0, 10.0}
+    window = film._picture.curves.drawing["layout"]["yaxis2"]["range"]
+    assert window[0] < -2.4 < window[1]  # the ground, at touchdown
 
 
 @pytest.mark.parametrize("source", [1.0, rpl.loop()])

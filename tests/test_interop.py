@@ -275,6 +275,14 @@ REFUSED = {
     "no states": control.ss([], [], [], [[0.0]]),
     "it must be a control.TransferFunction or control.StateSpace":
         control.nlsys(lambda t, x, u, p: -x, None, inputs=1, states=1),
+    "Write them as a plant:\n\n@block(state=dict(x0=0.0, x1=0.0))\ndef plant(x, u, d):":
+        control.interconnect([control.nlsys(lambda t, x, u, p: -x, None, inputs=["u"], states=1,
+                                            outputs=["y"], name="body")],
+                             inputs=["u"], outputs=["y"]),
+    "fit a transfer function to them":
+        control.frd(control.tf([1.0], [1.0, 1.0]), np.logspace(-1, 1, 20)),
+    "before control.c2d; a sampled controller or filter is a block with memory":
+        control.c2d(control.ss(control.tf([1.0], [1.0, 1.0])), 0.1),
     "float is not allowed": 3.0,
     "not a finite number": control.ss([[np.nan]], [[1.0]], [[1.0]], [[0.0]]),
 }
@@ -285,6 +293,19 @@ def test_what_is_refused_and_why(said):
     with pytest.raises(ParameterError) as error:
         interop.from_control(REFUSED[said])
     assert said in str(error.value) and str(error.value).startswith("interop.from_control: ")
+
+
+def test_the_ways_out_work():
+    @block(state=dict(x0=0.0, x1=0.0))
+    def plant(x, u, d):
+        return x[1], -x[0] + u + d
+
+    sys = control.nlsys(lambda t, x, u, p: [x[1], -x[0] + u[0]], None, inputs=1, states=2)
+    linear = interop.from_control(sys.linearize([0.0, 0.0], [0.0]))
+    one = block(lambda t: 1.0)
+    a, b = (simulate(ClosedLoop(q, law=one), 2.0, 1e-3, method="rk4", jit=False).y
+            for q in (plant, linear))
+    assert a[0] == pytest.approx(b[0], abs=1e-5)
 
 
 @pytest.mark.parametrize("name", ["state space", "biproper state space"])

@@ -25,7 +25,7 @@ from scipy.optimize import linprog
 import smcaero_nb as smc
 from smcaero_nb import ClosedLoop, ParameterError, block, hosmc, lv, simulate
 from smcaero_nb.differentiators import differentiator
-from smcaero_nb.surface import truncated
+from smcaero_nb.surface import coefficients, truncated
 
 SI = SimpleNamespace(**lv.launcher.values)
 COMBINATIONS = {
@@ -425,6 +425,34 @@ def test_narrow_window_of_linear_gains():
         return max(np.linalg.eigvals(closed).real) < 0
 
     assert [stable(k) for k in (2.60, 2.63, 5.0, 7.27, 7.31)] == [False, True, True, True, False]
+
+
+def test_the_recommended_quasi_smc_is_held_stable_by_the_misalignment_alone(runs):
+    """At sigma = 0 its gain rho/eps = 8 lets the bending mode grow; sigma does not stay there."""
+    A, B = matrices()
+    rate, (c_0, c_int) = np.array([0, 0, 0, 0, 1.0, 0, 1.0]), coefficients(2, 10.0)
+    law = lv.loop("quasi_smc").stages["law"].values
+    rho, eps = law["rho"], law["eps"]
+
+    def fastest(sigma):
+        """The eigenvalue with the largest real part, linearised at sigma."""
+        k, closed = rho*eps/(sigma + eps)**2, np.zeros((8, 8))
+        closed[:7, :7] = A + k*np.outer(B, rate + c_0*C)
+        closed[:7, 7] = -k*c_int*B
+        closed[7, :7] = -C
+        roots = np.linalg.eigvals(closed)
+        return roots[roots.real.argmax()]
+
+    still, sigma = fastest(0.0), abs(runs("quasi_smc").sigma)[-500:]
+    assert rho/eps == 8.0
+    assert (still.real, abs(still.imag)) == pytest.approx((0.0063, 12.5), rel=0.02)
+    assert 0.025 < sigma.min() and sigma.max() < 0.05
+    assert all(fastest(s).real < -0.005 for s in (sigma.min(), sigma.max()))
+    # a small vibration grows as predicted where there is no misalignment
+    run = simulate(lv.loop("quasi_smc").with_(perturbation=None, reference=None, plant__eta=1e-5),
+                   300.0, 1e-3, method="rk4", record=30_000)
+    first, last = (abs(run.sigma[(run.t > t) & (run.t < t + 5.0)]).max() for t in (150.0, 290.0))
+    assert np.log(last/first)/140.0 == pytest.approx(still.real, rel=0.05)
 
 
 # ---- higher order --------------------------------------------------------------------------------

@@ -13,7 +13,6 @@ import types
 import control
 import numpy as np
 import pytest
-from scipy.integrate import quad
 
 import smcaero_nb as smc
 from smcaero_nb import Block, BlockError, ClosedLoop, ParameterError, block, simulate
@@ -43,7 +42,8 @@ MADE = [smc.hosmc.quasi_continuous(3), smc.hosmc.quasi_continuous(2, "levant2005
         smc.hosmc.nested(1), smc.hosmc.adaptive_continuous(2), smc.hosmc.integrated,
         itae(2, 10.0), itae(3, table="optimal", derivative="difference"),
         smc.surface.polynomial(np.array([2.0, 1.0]), derivative=True), smc.surface.differenced(2),
-        smc.surface.truncated(1), smc.smc1.decoupling([[2, 1], [0, 4]]),
+        smc.surface.truncated(1), smc.surface.integral_sliding(2, smc.pid.pd.with_(k_p=2.0)),
+        smc.smc1.decoupling([[2, 1], [0, 4]]),
         smc.smc1.dual_layer_unit_vector(3), smc.differentiators.observer(2),
         smc.differentiators.differentiator(2, 1, method="implicit", of="y"),
         smc.applications.chain(3),
@@ -208,12 +208,14 @@ def inside():
 
 
 @pytest.mark.parametrize(("make", "said"), [
-    (lambda: local(OWN), "'own' cannot be pickled, because __main__.own cannot be imported; move"),
+    (lambda: local(OWN), "'own' cannot be pickled, because __main__.own is defined in the "
+                          "script or notebook itself; move it to a module"),
     (inside, "'hidden' cannot be pickled, because .*inside.<locals>.hidden cannot be imported"),
     (lambda: smc.smc1.decoupling(lambda y: ((1.0,),)), "<lambda> cannot be imported"),
     (lambda: family()(lambda: block(lambda e: e))(), "<lambda> cannot be imported")])
 def test_a_block_that_cannot_be_imported_says_what_to_do(make, said):
-    loop = ClosedLoop(smc.applications.chain(1), law=make())
+    stage = make().card.stage if make().card else "law"
+    loop = ClosedLoop(smc.applications.chain(1), **{stage: make()})
     for thing in (make(), smc.channels(a=make()), loop):
         with pytest.raises(BlockError, match=said):
             pickle.dumps(thing)
@@ -343,10 +345,27 @@ def test_a_card_that_is_wrong_is_refused(wrong, said):
     assert block(card=Surface())(lambda e: e).card == Surface()
 
 
-@pytest.mark.parametrize("law", [smc.smc1.sign_smc, smc.smc1.saturation_smc], ids=lambda b: b.name)
-def test_the_describing_function_is_the_first_harmonic(law):
-    law = law.with_(rho=1.7)
-    for a in (0.05, 0.1, 0.3, 2.0):
-        first = quad(lambda q, a=a: law(a*np.sin(q))*np.sin(q), 0.0, 2*np.pi, limit=400,
-                     points=(np.pi,))[0]/(np.pi*a)
-        assert law.card.describing(law.values, a) == pytest.approx(first, rel=1e-5)
+# ---- the stage of a card -------------------------------------------------------------------------
+def test_a_surface_given_as_law_is_refused_with_where_it_belongs():
+    """It would run, as v = sigma, and nothing in the figures would say so."""
+    plain = ClosedLoop(smc.applications.chain(2))
+    surface = smc.surface.itae(2, 10.0)
+    for law in surface, smc.channels(a=smc.smc1.sign_smc, b=surface):
+        with pytest.raises(BlockError, match="^law 'itae' is a block for the stage surface, as .*; "
+                                             "give it as surface=itae, and a law"):
+            plain.with_(law=law)
+    assert plain.with_(surface=surface, law=smc.smc1.sign_smc).stages["surface"] is surface
+    own = block(lambda e: e[1] + e[0])
+    assert plain.with_(law=own).stages["law"] is own  # without a card
+
+
+# ---- factories outside the law packages ----------------------------------------------------------
+def test_every_public_function_that_makes_a_block_for_a_stage_is_in_the_catalogue():
+    listed, masks = [*smc.catalogue().values()], {smc.prd.experiment, smc.differentiators.trial}
+    libraries = [m for n in smc.__all__ if inspect.ismodule(m := getattr(smc, n))]
+    makers = {f for m in libraries for n in m.__all__ if inspect.isfunction(f := getattr(m, n))
+              and inspect.signature(f).return_annotation in (smc.Block, "Block")}
+    assert {smc.interop.from_control, smc.surface.itae} < makers - masks
+    assert all(f in listed for f in makers - masks)
+    assert isinstance(smc.interop.from_control.card, smc.card.Plant)
+    assert smc.catalogue()["interop.from_control"] is smc.interop.from_control

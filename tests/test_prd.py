@@ -42,7 +42,7 @@ def response(num, den, t, u=None, euler=False):
 
 
 def noisy(y, noise, seed=0):
-    """With white noise, relative to the greatest response in the window."""
+    """With white noise, relative to the maximum response in the window."""
     return y + noise*np.abs(y[:501]).max()*np.random.default_rng(seed).standard_normal(len(y))
 
 
@@ -557,8 +557,8 @@ def test_csv_columns_by_name_and_a_second_step(tmp_path):
     assert prd.read_csv(path, t="t", y="y", step_time=0.2, amplitude=3.0).amplitude == 3.0
     with pytest.raises(ParameterError, match="4 columns .row, y, t, u.: say which"):
         prd.read_csv(path)
-    with pytest.raises(ParameterError, match="y = 'speed' is not there; the columns are row, y, t, "
-                                             "u"):
+    with pytest.raises(ParameterError, match="y = 'speed' does not exist; the columns are row, y, "
+                                             "t, u"):
         prd.read_csv(path, t="t", y="speed")
     with pytest.raises(ParameterError, match="no column of the input: give step_time"):
         prd.read_csv(path, t="t", y="y")
@@ -576,7 +576,7 @@ def broken(row, new):
      r"log.csv, line 17: column 2 \('y'\): 'abc' is not a finite number"),
     (broken(17, "0.015,nan,1"), r"line 17: column 2 \('y'\): 'nan' is not a finite number"),
     (broken(17, "0.015,,1"), r"line 17: column 2 \('y'\): '' is not a finite number"),
-    (broken(17, "0.015,0"), "line 17: 2 columns, but the names are 3"),
+    (broken(17, "0.015,0"), "line 17: 2 columns, but 3 names"),
     (broken(17, "0.013,0,1"), r"line 17: column 1 \('t'\): 0.013 after 0.014; times must increase"),
     (broken(1, "0.5,0,1"), "line 1: the first line must hold the names"),
     (broken(1, "t [fortnight],y,u"),
@@ -656,13 +656,13 @@ def test_three_columns_and_what_they_serve_for(tmp_path):
     path = write(tmp_path, lines("a,b,c"))
     assert str(prd.read_csv(path, t="a", y="b")) == str(prd.read_csv(path))
     assert prd.read_csv(path, t="a", y="b").amplitude == 2.0
-    for given, said in ((dict(y="a"), "y = 'a' serves as t already"),
-                        (dict(y="b", u="b"), "u = 'b' serves as y already"),
+    for given, said in ((dict(y="a"), "y = 'a' is already used as t"),
+                        (dict(y="b", u="b"), "u = 'b' is already used as y"),
                         (dict(t="a", y="a"),
-                         "y = 'a' serves as t already; each needs a column of its own")):
+                         "y = 'a' is already used as t; each needs its own column")):
         with pytest.raises(ParameterError, match=said):
             prd.read_csv(path, **given)
-    with pytest.raises(ParameterError, match="f = 'a' serves as t already"):
+    with pytest.raises(ParameterError, match="f = 'a' is already used as t"):
         smc.differentiators.read_csv(path, f="a")
 
 
@@ -707,7 +707,7 @@ def test_a_file_without_a_name():
 
 
 def test_a_column_needs_a_name_of_its_own(tmp_path):
-    with pytest.raises(ParameterError, match="line 1: y = .y. stands over 2 columns"):
+    with pytest.raises(ParameterError, match="line 1: y = .y. names 2 columns"):
         prd.read_csv(write(tmp_path, lines("t,y,y")))
 
 
@@ -741,7 +741,9 @@ def changed(a, k, v):
     ((T[:30], Y[:30], 0.0, 1.0), "t has 30 values"),
     ((T, Y), r"it must be \(t, y, step_time, amplitude\)"),
     (3.0, "source = 3 is not allowed"),
-    (control.tf([1.0], [1.0, 0.5], 0.1), "discrete-time"),
+    (control.tf([1.0], [1.0, 0.5], 0.1), "prd.identify: sys is discrete-time.*before control.c2d"),
+    (control.frd(control.tf([1.0], [1.0, 1.0]), np.logspace(-1, 1, 20)),
+     "prd.identify: sys = FrequencyResponseData is not allowed.*fit a transfer function"),
     (control.tf([1.0, 0.0, 0.0], [1.0, 1.0]), "improper"),
     (control.nlsys(lambda t, x, u, p: -x, None, inputs=1, states=1, dt=0.1, name="sampled"),
      "no inputs or is discrete-time"),
@@ -850,7 +852,7 @@ def test_bad_settings_of_models_are_named():
     with pytest.raises(ParameterError, match="undefined does not stay finite even before the step"):
         prd.identify(undefined)
     for m in (1, 2):
-        with pytest.raises(BlockError, match="'broken' does not run where it starts: "
+        with pytest.raises(BlockError, match="'broken' cannot be evaluated at its initial state: "
                                              "ZeroDivisionError"):
             prd.identify(control.nlsys(lambda t, x, u, p: [1/0], None, inputs=m, states=1,
                                        name="broken"))

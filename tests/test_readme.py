@@ -1,8 +1,12 @@
 """The code in README and CONTRIBUTING runs, and their links lead somewhere."""
 
 import inspect
+import os
 import pathlib
 import re
+import shutil
+import subprocess
+import sys
 import textwrap
 
 import pytest
@@ -59,6 +63,43 @@ def test_the_law_of_contributing_is_a_law_of_the_kit(monkeypatch):
     assert all(f"\n{title}\n---" in doc for title in ("Parameters", "Returns", "References"))
     for name, meta in law.params.items():
         assert f"\n{name} : float\n" in doc and meta.symbol and meta.unit and meta.help
+
+
+def test_a_new_law_takes_three_files_and_sixty_lines_and_is_in_the_catalogue(tmp_path):
+    """CONTRIBUTING.md is followed to the letter in a copy of the kit, and the new tests pass."""
+    for name in "smcaero_nb", "tests/test_smc1.py", "tests/chain.py":
+        copy = shutil.copytree if (ROOT/name).is_dir() else shutil.copy
+        (tmp_path/name).parent.mkdir(exist_ok=True)
+        copy(ROOT/name, tmp_path/name)
+    [literal] = re.findall(r"`(proportional_smc: .*?)`", CONTRIBUTING)
+    added = {
+        "smcaero_nb/smc1/proportional.py": [("", LAW)],
+        "smcaero_nb/smc1/__init__.py": [
+            ("from .relay", "from .proportional import proportional_smc\n"),
+            ('"quasi_smc", ', '"proportional_smc", ')],
+        "tests/test_smc1.py": [
+            ("    adaptive_smc,\n", "    proportional_smc,\n"),
+            ("sign_smc, quasi_smc, saturation_smc, tanh_smc", "proportional_smc, "),
+            ("    sign_smc: (", f"    {literal},\n"),
+            ("# ---- exact reaching times", THEOREM)]}
+    for name, pieces in added.items():
+        text = (tmp_path/name).read_text() if (tmp_path/name).exists() else ""
+        for before, piece in pieces:
+            assert before in text
+            text = text.replace(before, piece + before, 1)
+        (tmp_path/name).write_text(text)
+    lines = [q for pieces in added.values() for _, piece in pieces for q in piece.split("\n")
+             if q.strip()]
+    assert len(added) <= 3 and len(lines) <= 60
+    env = os.environ | {"PYTHONPATH": str(tmp_path), "SMCAERO_CACHE_DIR": str(tmp_path)}
+    listed = ("import smcaero_nb as smc; law = smc.catalogue()['smc1.proportional_smc']; "
+              "smc.ui.mask(law); print(law.card.needs, smc.cite(law), sep='; ')")
+    said = subprocess.run([sys.executable, "-c", listed], env=env, cwd=tmp_path, text=True,
+                          capture_output=True, check=True).stdout
+    assert "W. Gao and J. C. Hung (1993)" in said and said.split(";")[0]
+    tests = [sys.executable, "-m", "pytest", "-q", "-k", "proportional", "tests/test_smc1.py"]
+    said = subprocess.run(tests, env=env, cwd=tmp_path, text=True, capture_output=True).stdout
+    assert re.search(r"^[4-9] passed", said.split("\n")[-2]), said
 
 
 @pytest.mark.parametrize(("text", "where"), [(PLANT, "A plant"), (STAGE, "A stage"),

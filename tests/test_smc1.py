@@ -22,6 +22,7 @@ from smcaero_nb.smc1 import (
     dual_layer_quasi_smc,
     dual_layer_smc,
     dual_layer_unit_vector,
+    plestan_smc,
     quasi_smc,
     quasi_unit_vector,
     saturation_smc,
@@ -31,7 +32,7 @@ from smcaero_nb.smc1 import (
 )
 
 ONE = [sign_smc, quasi_smc, saturation_smc, tanh_smc, adaptive_smc, adaptive_quasi_smc,
-       dual_layer_smc, dual_layer_quasi_smc]
+       plestan_smc, dual_layer_smc, dual_layer_quasi_smc]
 MANY = [unit_vector, quasi_unit_vector, adaptive_unit_vector, adaptive_quasi_unit_vector,
         dual_layer_unit_vector(2)]
 
@@ -139,7 +140,52 @@ def test_one_gain_serves_both_inputs():
         assert size[run.t > 10.0].max() <= 0.02 and len(set(run.z.law.rho[run.t > 10.0])) == 1
 
 
+# ---- a gain that falls again ---------------------------------------------------------------------
+@pytest.mark.parametrize("seed", range(8))
+def test_plestan_s_gain_keeps_sigma_within_the_bound_of_its_theorem(seed):
+    local = np.random.default_rng(seed)
+    a, b, w = local.uniform((0.1, 0.0, 0.05), (1.5, 1.0, 3.0))
+    gamma, delta, L, h = 10.0**local.uniform(1.5, 3.0), 0.02, a + b, 1e-3
+    law = plestan_smc.with_(gamma=gamma, delta=delta)
+    run = simulate(loop(law, local.uniform(-1.0, 1.0), a=a, b=b, w=w), 60.0, h, record=60_000)
+    reached = np.flatnonzero(abs(run.sigma) <= delta)[0]
+    assert abs(run.sigma[reached:]).max() <= math.sqrt(delta**2 + L*L/gamma) + 2*h*(L + 1.0)
+
+
+def test_plestan_s_gain_comes_down_and_follows_the_perturbation_up_again():
+    slow = dict(c=1.0, a=1.0, w=0.3)  # |xi| from 0 to 2
+    run = simulate(loop(plestan_smc, **slow), 60.0, 1e-3, record=6000)
+    rho, late = run.z.law.rho, run.t > 20.0
+    low, high = late & (run.d < 0.2), late & (run.d > 1.9)
+    assert rho.max() > math.sqrt(500.0) and rho[low].min() < 0.5 < 1.9 < rho[high].max() < 4.0
+    grows = simulate(loop(adaptive_smc.with_(gamma=500.0, delta=0.2), **slow), 60.0, 1e-3)
+    assert grows.z.law.rho[-1] == grows.z.law.rho.max() > math.sqrt(500.0)
+    assert grows.mean_v > 3.0*run.mean_v
+
+
+def test_a_gain_that_falls_by_its_chattering_falls_more_slowly_with_finer_steps():
+    ends = [simulate(loop(plestan_smc, 1.0), 10.0, h).z.law.rho[-1] for h in (1e-3, 5e-4, 1e-4)]
+    assert ends == sorted(ends) and ends[0] < 5.0 < 15.0 < ends[-1]
+
+
 # ---- dual layer ----------------------------------------------------------------------------------
+@block
+def ramp(t, slope=10.0):
+    return slope*(t - 5.0) if t > 5.0 else 0.0
+
+
+def test_the_dual_layer_needs_a_bound_of_the_speed_of_xi_not_of_its_acceleration():
+    """xi = 10 (t - 5): xi'' = 0, with which the condition on xi'' would hold for any gains."""
+    run = simulate(loop(dual_layer_smc).with_(perturbation=ramp), 20.0, 1e-3, record=20_000)
+    assert abs(run.sigma).max() == pytest.approx(10.1, abs=0.1)
+    # gains that meet the condition on xi': 0.5^2/4 > 0.05^2 + (1.1*10/0.9)^2/gamma
+    fast = dual_layer_smc.with_(eps=0.5, gamma=3000.0)
+    held = simulate(loop(fast).with_(perturbation=ramp), 20.0, 1e-4, record=20_000)
+    assert abs(held.sigma[held.t > 4.0]).max() < 0.3
+    said = " ".join(dual_layer_smc.__doc__.split())
+    assert r"reaches 10.1 with the defaults" in said and "|xi'|" in dual_layer_smc.card.needs
+
+
 @each("law", [dual_layer_smc, dual_layer_quasi_smc])
 def test_the_dual_layer_gain_follows_the_perturbation(law):
     h = 1e-4
@@ -205,6 +251,42 @@ def test_the_second_layer_starts_from_its_initial_state():
     again = dual_layer_smc.with_(k=ran.z.law.k[-1], v_eq=ran.z.law.v_eq[-1])  # r(0) = 0: reset
     assert simulate(loop(again, 0.0, a=0.1), 1e-3, 1e-3).z.law.r[0] < 0.1
     assert simulate(loop(again.with_(r=4.0), 0.0, a=0.1), 1e-3, 1e-3).z.law.r[0] >= 4.0
+
+
+# ---- what the dynamics sigma' = xi - v leave open ------------------------------------------------
+@block(state=dict(a=0.1, b=0.0))
+def with_zero(x, u):
+    return x[1], -x[0] - 2.0*x[1] + u
+
+
+@block
+def zero_at(x, z=1.0):
+    """Of (s + z)/(s + 1)^2."""
+    return z*x[0] + x[1]
+
+
+@pytest.mark.parametrize("rho", [2.0, 20.0])
+def test_a_zero_in_the_right_half_plane_grows_while_sigma_is_0_until_no_gain_suffices(rho):
+    held = ClosedLoop(with_zero, output=zero_at, law=sign_smc.with_(rho=rho))
+    run = simulate(held.with_(output__z=-1.0), 6.0, 1e-3, record=6000, jit=False)
+    lost = run.t[abs(run.sigma) < 4e-3*rho][-1]
+    slides = (run.t > 0.5) & (run.t < lost)
+    growth = np.polyfit(run.t[slides], np.log(run.x.a[slides]), 1)[0]
+    assert growth == pytest.approx(1.0, rel=0.02)  # x' = -z x
+    assert 4.0*run.x.a[slides][-1] == pytest.approx(rho, rel=0.15)  # |xi| = (1 - z)^2 |x|
+    assert abs(run.sigma[-1]) > 0.5*rho
+    run = simulate(held, 6.0, 1e-3, record=6000, jit=False)  # zero at -1
+    assert abs(run.sigma[-1]) < 4e-3*rho and abs(run.x.a[-1]) < 0.01
+
+
+@pytest.mark.parametrize("G", [0.6, 1.4])
+def test_an_error_of_the_gain_asks_for_more_than_the_bound_over_one_less_the_error(G):
+    """sigma' = xi - G v, |G - 1| <= gamma: L/(1 - gamma) holds for both signs of the error."""
+    law, L = sign_smc.with_(rho=1.05*0.9/(1.0 - 0.4)), 0.9
+    scaled = loop(law, 0.1, c=L).with_(allocation=decoupling(1.0/G))
+    assert simulate(scaled, 20.0, 1e-3).tail_sigma < 5e-3
+    less = simulate(scaled.with_(law__rho=0.95*0.9/(1.0 - 0.4)), 20.0, 1e-3)
+    assert (less.tail_sigma > 0.1) == (G < 1.0)
 
 
 # ---- several inputs ------------------------------------------------------------------------------
@@ -372,6 +454,11 @@ def adaptive(shape):
     return lambda s, rho, h: (rho*shape(s), rho + h*10.0*np.abs(s)*(np.abs(s) > 0.02))
 
 
+def plestan(s, rho, h):
+    rate = 500.0*np.abs(s)*np.sign(np.abs(s) - np.maximum(0.02, 4*h*rho)) if rho > 0.05 else 0.05
+    return rho*np.sign(s), np.maximum(rho + h*rate, np.minimum(rho, 0.05))
+
+
 LITERAL = {
     sign_smc: (lambda s, m, h: (2.0*np.sign(s), m), None),
     quasi_smc: (lambda s, m, h: (2.0*s/(np.abs(s) + 0.1), m), None),
@@ -379,6 +466,7 @@ LITERAL = {
     tanh_smc: (lambda s, m, h: (2.0*np.tanh(s/0.1), m), None),
     adaptive_smc: (adaptive(np.sign), 0.1),
     adaptive_quasi_smc: (adaptive(lambda s: s/(np.abs(s) + 0.01)), 0.1),
+    plestan_smc: (plestan, 0.1),
     dual_layer_smc: (dual(False), (0.1, 0.0, 0.0)),
     dual_layer_quasi_smc: (dual(True), (0.1, 0.0, 0.0)),
 }

@@ -63,15 +63,43 @@ def test_phase_portraits_of_two_channels():
 def test_a_perturbation_beyond_the_bound_is_simulated_and_said(picture):
     before = picture.curves["sigma"].y.copy()
     picture.set(perturbation__xi_1=3.0)
-    assert picture.status == ("|xi| reaches 3, more than rho = 2 [v]: "
-                              "the theorem does not cover this.")
+    assert picture.status == "In doubt: |xi| reaches 3, more than rho = 2 [v]."
     assert not np.array_equal(before, picture.curves["sigma"].y) and picture.run.diverged_at is None
     assert "smcaero-good" in picture.mask._status.value
     picture.set(law__rho=4.0)
     assert picture.status == ""
 
 
+def test_many_doubts_are_lines_of_which_the_last_fold_away(picture, monkeypatch):
+    doubts = [f"q{i} <is> 1, more than rho" for i in range(5)]
+    monkeypatch.setattr(smc.Run, "doubts", lambda run: doubts)
+    picture.set(law__rho=3.5)
+    assert picture.status == "In doubt: " + "\n".join(f"{q}." for q in doubts)
+    said = picture.mask._status.value
+    shown, more = said.split("<details>")
+    assert shown.count("<br>") == 2 and "q2 &lt;is&gt; 1" in shown and "q3" not in shown
+    assert "<summary>and 2 more</summary>" in more and "q3" in more and "q4" in more
+    monkeypatch.undo()
+    picture.mask.reset()
+    picture.wait()
+    assert picture.status == ""
+
+
 # ---- comparison ----------------------------------------------------------------------------------
+def test_a_comparison_says_the_doubts_of_each_run_and_integrates_as_the_mask_says():
+    strong = CHAINS["sign"].with_(perturbation__xi_1=1.5)
+    two = {"weak": strong.with_(law__rho=1.0), "strong": strong}
+    shown = live(two)
+    shown.wait()
+    shown.set(method="rk4")
+    both = compare(shown)
+    both.wait()
+    assert both.status == "weak: |xi| reaches 1.5, more than rho = 1 [v]."
+    assert "smcaero-good" in both._message.value
+    exact = smc.simulate(strong, method="rk4", record=1000)
+    np.testing.assert_array_equal(both.runs["strong"].sigma, exact.sigma)
+
+
 def test_comparison_of_up_to_four(picture):
     c = compare(picture)
     c.wait()

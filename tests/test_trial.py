@@ -44,7 +44,7 @@ def test_a_still_signal_has_still_derivatives():
 @pytest.mark.parametrize("method, wanted", [("levant", [4, 3, 2, 1]), ("matching", [4, 3, 2, 1]),
                                             ("euler", [None, 1, 1, 1]),
                                             ("implicit", [math.nan, 3, 2, 1])])
-def test_slopes_certify_the_method(method, wanted):
+def test_slopes_show_the_order_of_the_method(method, wanted):
     found = trial().with_(n_d=3, method=method)()
     assert found.sizes.shape == (4, 5)
     assert np.all(found.tau == 1e-2*np.array([4.0, 2.0, 1.0, 0.5, 0.25]))
@@ -53,7 +53,7 @@ def test_slopes_certify_the_method(method, wanted):
     late = len(found.t)//2
     wanted = np.abs(found.estimates - found.truth)[:, late:].max(1)
     np.testing.assert_array_equal(found.errors, wanted)
-    assert str(found) == "L = 2; greatest errors in the second half: " + ", ".join(
+    assert str(found) == "L = 2; maximum errors in the second half: " + ", ".join(
         f"|z_{i} - f^({i})| {e:.2g}" for i, e in enumerate(wanted))
 
 
@@ -164,8 +164,8 @@ def test_columns_of_a_signal():
     np.testing.assert_allclose(back.t, 1e-3*np.arange(10))
     np.testing.assert_allclose(back.f, np.arange(10)/2)
     assert "t = 'time' [ms], f = 'position' [mm]" in back.about
-    with pytest.raises(ParameterError, match="f = 'speed' is not there; the columns are row, time, "
-                                             "position, f"):
+    with pytest.raises(ParameterError, match="f = 'speed' does not exist; the columns are row, "
+                                             "time, position, f"):
         read_csv(named(text), f="speed")
 
 
@@ -225,15 +225,15 @@ def test_the_same_numbers_in_many_forms(text):
     ("t,f\n0,1\n\n1,\n", r"line 4: column 2 \('f'\): '' is not a finite number"),
     ("t,f\n0,1e999\n1,2\n", "'1e999' is not a finite number"),
     ("t;f\n0;1.234.5\n1;2\n", r"'1.234.5' is not a finite number"),
-    ("t,f\n0,1\n1,2,3\n", "line 3: 3 columns, but the names are 2; the delimiter is comma"),
+    ("t,f\n0,1\n1,2,3\n", "line 3: 3 columns, but 2 names; the delimiter is comma"),
     ("t,f\n0,1\n0,2\n", r"line 3: column 1 \('t'\): 0 after 0; times must increase"),
     ("t,f\n1,1\n0,2\n", r"line 3: column 1 \('t'\): 0 after 1; times must increase"),
     ("t [d],f\n0,1\n1,2\n",
      r"the unit of time \[d\] is not known; it must be one of s, sec, seconds, ms"),
-    ("t,f,f\n0,1,2\n1,2,3\n", r"f = 'f' stands over 2 columns; give each a name of its own"),
+    ("t,f,f\n0,1,2\n1,2,3\n", r"f = 'f' names 2 columns; give each its own name"),
     # names without a word: the signal is not the time
-    ("[s],(V)\n0,1\n1,2\n", "stands over 2 columns"),
-    ('t,f\n"0,1\n1,2\n', "line 2: 1 columns, but the names are 2"),
+    ("[s],(V)\n0,1\n1,2\n", "names 2 columns"),
+    ('t,f\n"0,1\n1,2\n', "line 2: 1 columns, but 2 names"),
     # longer than a field of module csv may be
     ("t,f\n0,\"" + "9"*200_000 + "\"\n1,2\n", "is not a finite number"),
     (b"t,f\n0,\xb0\n", "line 2: column 2"),

@@ -148,8 +148,10 @@ def test_no_two_controls_of_a_group_look_alike():
 @pytest.mark.parametrize("law", LOOPS)
 def test_every_control_reaches_both_ends(law):
     m = mask(LOOPS[law])
-    assert set(m.widgets) == set(LOOPS[law].settable())
+    assert set(m.widgets) == {*LOOPS[law].settable(), "method", "latency"}
     for name, w in m.widgets.items():
+        if name not in LOOPS[law].settable():
+            continue
         meta, _, kind = LOOPS[law].settable()[name]
         ends = (False, True) if kind is bool else (w.min, w.max)
         for end in ends:
@@ -245,8 +247,8 @@ def test_groups_of_a_loop():
     assert [f.opener.description for f in folds] == [
         "surface: itae", "law: quasi smc", "allocation: gimbal to control", "reference: steps",
         "perturbation: misalignment",
-        "plant: launcher", "initial state"]
-    assert [f.opener.value for f in folds] == [True]*3 + [False]*4
+        "plant: launcher", "simulation", "initial state"]
+    assert [f.opener.value for f in folds] == [True]*3 + [False]*5
     plant = folds[5]
     assert not plant.body.children
     plant.opener.value = True
@@ -271,8 +273,143 @@ def test_every_stage_has_a_group_the_design_before_the_world():
     assert {"sensor__gain", "stop__end"} <= set(m.widgets)
     folds = {f.opener.description: f.opener.value for f in m._body.children}
     assert list(folds) == ["sensor: scaled", "surface: line", "law: relay", "stop: left",
-                           "initial state"]
+                           "simulation", "initial state"]
     assert folds["sensor: scaled"] and not folds["stop: left"]
+
+
+def test_a_mask_offers_latency_and_method_of_its_loop():
+    """Both are in force in the live plot, and come along to another loop of the same world."""
+    picture = live({"line": RELAY, "relay": RELAY.with_(law=relay.with_(rho=3.0))})
+    m, before = picture.mask, picture.run
+    assert m.widgets["method"].options == ("euler", "midpoint", "rk4") and m.method == "euler"
+    slider = m.widgets["latency"]
+    assert (slider.min, slider.max, slider.step, slider.value) == (0.0, 0.01, 1e-3, 0.0)
+    slider.value = 0.002
+    picture.wait()
+    assert picture.run.loop == RELAY.with_(latency=0.002) and picture.status == ""
+    assert picture.run.metrics().tail_sigma > 1.5*before.metrics().tail_sigma
+    m.widgets["method"].value = "rk4"
+    picture.wait()
+    assert m.method == m.values["method"] == "rk4"
+    exact = smc.simulate(RELAY.with_(latency=0.002), method="rk4", record=5000)
+    np.testing.assert_array_equal(picture.run.x.x, exact.x.x)
+    m.choice.value = "relay"
+    picture.wait()
+    assert m.method == "rk4" and m.target.latency == 0.002
+    m.reset()
+    assert m.method == "euler" and m.target.latency == 0.0
+    with pytest.raises(ParameterError, match="mask: method = 'exact' is not allowed; it must be "
+                                             "one of 'euler', 'midpoint', 'rk4'"):
+        picture.set(method="exact")
+    typed(m, "latency", "1e-4")
+    picture.wait()
+    assert "latency = 0.0001 s is not allowed; it must be a multiple of dt" in picture.status
+    assert "method" not in mask(everything).widgets and mask(everything).method is None
+
+
+def test_a_linear_plant_of_python_control_may_be_advanced_exactly():
+    import control
+
+    @block
+    def free(y):
+        return 0.0*y[0]
+
+    plant = smc.interop.from_control(control.tf([1.0], [1.0, 2e-3, 1.0]))
+    loop = ClosedLoop(plant, law=free, duration=20.0, dt=0.5).with_(plant__x0=1.0)
+    picture = live(loop)
+    assert picture.mask.method == picture.mask.widgets["method"].options[0] == "exact"
+    picture.wait()
+    assert max(picture.run.x.x0) <= 1.0
+    picture.set(method="euler")
+    assert picture.mask.method == "euler" and max(picture.run.x.x0) > 2.0
+
+
+def test_a_row_is_called_by_the_last_part_of_its_name():
+    """Its group says the rest; only where two are alike, the row says which is which."""
+    @block
+    def offset(y, by=0.1):
+        return y[0] + by, y[1]
+
+    @block(state=dict(w=0.0))
+    def integrating(sigma, z, tau):
+        return sigma + z[0], (z[0] + tau*sigma,)
+
+    m = mask(RELAY.with_(sensor=smc.chain(first=offset, second=offset.with_(by=-0.1)),
+                         law=integrating, differentiator=integral))
+    assert m.widgets["sensor__first__by"].description == "by"
+    assert m.widgets["sensor__first__by"].tooltip == "sensor first by"
+    assert {"sensor first: offset", "sensor second: offset"} <= {
+        f.opener.description for f in m._body.children}
+    assert m.widgets["law__w"].description == "$w$ (law)"
+    assert m.widgets["differentiator__w"].description == "$w$ (differentiator)"
+    assert m.widgets["plant__v"].description == "$v$"
+
+
+# ---- rows of tuples and matrices -----------------------------------------------------------------
+@block(state=dict(q=((1.0, 0.0, 0.0, 0.0), Param("q", low=-1.0, high=1.0)),
+                  late=smc.core.Buffer(5)))
+def body(sigma, z, tau, J: Annotated[tuple, Param("J", "kg m^2", low=0.0)] =
+         ((2.0, 0.0, 0.0), (0.0, 3.0, 0.0), (0.0, 0.0, 4.0)),
+         axis=(0.0, 1.0), on: Annotated[bool, Param()] = (True, False)):
+    return J[1][1]*sigma*axis[1], (z[0], sigma)
+
+
+def text_at(m, name, *at):
+    return m._rows[name].texts[at]
+
+
+def test_a_tuple_is_a_row_of_entries_and_a_matrix_rows_of_them():
+    m, seen = mask(body), []
+    m.observe(lambda change: seen.append(change.new), "target")
+    assert [len(m._rows[n].texts) for n in ("J", "axis", "on", "q")] == [9, 2, 2, 4]
+    lines = m.widgets["J"].children[1].children
+    assert [[text.value for text in line.children] for line in lines] == [
+        ["2", "0", "0"], ["0", "3", "0"], ["0", "0", "4"]]
+    assert "J" not in m.entries and m.widgets["J"].children[0].value.startswith("$J$")
+    text_at(m, "J", 1, 1).value = " 2.50 "
+    assert m.values["J"] == ((2.0, 0.0, 0.0), (0.0, 2.5, 0.0), (0.0, 0.0, 4.0))
+    assert text_at(m, "J", 1, 1).value == " 2.50 " and len(seen) == 1
+    text_at(m, "q", 3).value = "1e-3"
+    assert m.target.values["q"] == (1.0, 0.0, 0.0, 1e-3)
+    text_at(m, "on", 1).value = "1"
+    assert m.target.values["on"] == (True, True)
+    m.set(axis=[1.0, 2.0])
+    assert [text_at(m, "axis", i).value for i in (0, 1)] == ["1", "2"]
+    m.reset()
+    assert m.target == body and text_at(m, "J", 1, 1).value == "3"
+    assert m.page.told.names["J-0-2"] == ("J 1, 3 kg m^2", False) and "J" not in m.page.told.names
+
+
+@pytest.mark.parametrize("text, said", [("x", "'x'"), ("-1", "-1 kg m^2"), ("nan", "nan kg m^2"),
+                                        ("", "''"), ("1,5", "'1,5'")])
+def test_nonsense_in_an_entry_of_a_matrix_is_refused_in_words(text, said):
+    m = mask(body)
+    text_at(m, "J", 0, 2).value = text
+    assert f"J[0][2] = {said} is not allowed; it must be a finite number, at least 0" in (
+        m._status.value)
+    assert "It stays at ((2, 0, 0), (0, 3, 0), (0, 0, 4))." in m._status.value
+    assert m.target is body and text_at(m, "J", 0, 2).value == text
+    assert [at for at, q in m._rows["J"].texts.items()
+            if "smcaero-refused" in q._dom_classes] == [(0, 2)]
+    text_at(m, "J", 0, 2).value = "0.5"
+    assert m.values["J"][0] == (2.0, 0.0, 0.5) and m._status.value == ""
+    assert "smcaero-refused" not in text_at(m, "J", 0, 2)._dom_classes
+
+
+def test_a_buffer_has_a_row_with_the_parameters_of_its_block():
+    m = mask(body)
+    assert [f.opener.description for f in m._body.children] == ["body", "initial state"]
+    assert (m.widgets["late"].min, m.widgets["late"].max) == (1, 20)
+    assert typed(m, "late", "50") == "" and m.target.values["late"] == 50
+    assert "a whole number from 1 to 1e+07 samples" in typed(m, "late", "0.5")
+
+
+def test_a_mask_of_entries_is_mended_after_ctrl_c():
+    m = mask(body)
+    m._rows["J"].texts[0, 0].unobserve_all()
+    text_at(m, "J", 0, 0).value = "7"  # which nobody heard of
+    m.mend()
+    assert text_at(m, "J", 0, 0).value == "2"
 
 
 def test_choice_of_loops():
@@ -320,6 +457,11 @@ def cart(x, u, d):
 @block
 def line(e, c=1.0):
     return e[1] + c*e[0]
+
+
+@block(state=dict(w=0.0))
+def integral(e, z, tau):
+    return e, (z[0] + tau*e[0],)
 
 
 @block
@@ -883,7 +1025,7 @@ def test_a_trial_is_drawn_said_and_saved():
     p.set(n_d=1, tau=0.02)
     assert p.run.estimates.shape == (2, 1001) and p.status == ""
     np.testing.assert_array_equal(sent(p)[1][1], p.run.estimates[0].astype(np.float32))
-    assert "L = 2; greatest errors in the second half: |z<sub>0</sub> - f|" in p._metrics.value
+    assert "L = 2; maximum errors in the second half: |z<sub>0</sub> - f|" in p._metrics.value
     button, messages = p._download.saved, []
     assert button.file == "two tones, estimates.csv"
     button.send = lambda content, buffers: messages.append(buffers)
@@ -976,8 +1118,8 @@ def test_columns_are_guessed_by_name_then_by_place_and_none_twice(own, head, cho
     (b"t,f\n0,1\n1,nan\n", "line 3: column 2 ('f'): 'nan' is not a finite number"),
     (b"t,f\n0,1\n1,two\n", "line 3: column 2 ('f'): 'two' is not a finite number"),
     (b"t,f\n1,1\n1,2\n", "line 3: column 1 ('t'): 1 after 1; times must increase"),
-    (b"t,f\n0,1\n1\n", "line 3: 1 columns, but the names are 2"),
-    (b"t,f,f\n0,1,1\n1,2,2\n", "f = 'f' stands over 2 columns"),
+    (b"t,f\n0,1\n1\n", "line 3: 1 columns, but 2 names"),
+    (b"t,f,f\n0,1,1\n1,2,2\n", "f = 'f' names 2 columns"),
     (b"\x89PNG\r\n\x1a\n\x00", "only one column"),
     (b't,f\n0,"' + b"x"*200_000 + b'"\n', "is not a finite number"),
 ])
@@ -1005,7 +1147,7 @@ def test_names_with_html_are_only_text(own):
 def test_a_record_that_cannot_be_differentiated_is_said_below_the_mask(own):
     own.take("short.csv", csv(rows=5))
     own.live.wait()
-    assert "are too few" in own.live.status and "the last good setting" in own.live.status
+    assert "are too few" in own.live.status and own.live.figure.data == ()
     own.live.set(n_d=0)
     assert own.live.status == "" and len(own.live.run.t) == 5
 

@@ -7,7 +7,7 @@ from ..core import Block, ClosedLoop, Param, ParameterError, block
 from ..core.block import wanted
 from ..core.card import Output, Perturbation, Plant
 from ..core.family import family
-from ..core.param import switch
+from ..core.param import relative_degree, switch
 from ..core.signal import generated, leaves, text
 from ..hosmc import integrated
 from ..sources import KODE
@@ -53,7 +53,7 @@ def chain(r: int) -> Block:
     ----------
     Paper eq (26).
     """
-    r = Param(low=1, high=6).check("chain", "r", r, int)
+    r = relative_degree("chain", r, 6)
     symbols = [r"\sigma", r"\dot\sigma", r"\ddot\sigma",
                *(rf"\sigma^{{({i})}}" for i in range(3, 6))]
 
@@ -183,7 +183,7 @@ def perturbed_chain(law: Block, r: int, raised: bool = False) -> ClosedLoop:
     True
     """
     law = wanted("perturbed_chain: law", law)
-    r = Param(low=1, high=6).check("perturbed_chain", "r", r, int)
+    r = relative_degree("perturbed_chain", r, 6)
     raised = switch("perturbed_chain", "raised", raised)
     if law.r not in (None, r + raised):
         raise ParameterError(f"perturbed_chain: r = {r}{', raised,'*raised} is not allowed; "

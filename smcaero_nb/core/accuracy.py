@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from .assumptions import degree, laws
+from .leaves import Leaf, at
 from .loop import ClosedLoop
 from .param import ParameterError, function, positive, refused, several
 from .run import Run
-from .signal import flat
 from .simulate import simulate, timed
 
 __all__ = ["Accuracy", "accuracy"]
@@ -31,7 +31,8 @@ class Accuracy:
     tau : ndarray
         Sampling steps [s], in decreasing order.
     names : tuple of str
-        Quantities measured: ``"sigma"``, ``"sigma'"``, ...; with several inputs ``"sigma[0]"``, ...
+        Quantities measured, by their leaves (`Run.leaves`): ``"sigma"``, ``"sigma'"``, ...; with
+        several inputs ``"sigma[0]"``, ...
     sizes : ndarray, (len(names), len(tau))
         Maximum absolute value of each over the second half of the run; NaN where the run diverged,
         ended before it, had not settled, or went below the resolution of float64.
@@ -66,7 +67,8 @@ class Accuracy:
         else:
             verdict = "no whole order of sliding fits"
         why = f" ({self.why})" if self.why else ""
-        return f"{verdict[0].upper()}{verdict[1:]}: {said}{why}."
+        shown = "; shown from this start and under this perturbation"*bool(self.order)
+        return f"{verdict[0].upper()}{verdict[1:]}: {said}{why}{shown}."
 
     def __str__(self) -> str:
         return self.explain()
@@ -74,7 +76,7 @@ class Accuracy:
 
 def accuracy(loop: ClosedLoop, duration: float | None = None, dt: float | None = None,
              tau: float | None = None, *, factors: Sequence[float] = FACTORS,
-             method: str = "euler", progress: Callable[[float], Any] | None = None) -> Accuracy:
+             method: str | None = None, progress: Callable[[float], Any] | None = None) -> Accuracy:
     r"""Measure the order of sliding of a loop: the slope of its accuracy over the sampling step.
 
     A sliding mode of order p, sampled every tau, keeps :math:`|\sigma^{(i)}| \le m_i \tau^{p-i}`.
@@ -88,8 +90,9 @@ def accuracy(loop: ClosedLoop, duration: float | None = None, dt: float | None =
     duration, dt, tau : float, optional
         As in `simulate` [s]; default: the loop's own.
     factors : sequence of float
-        Multiples of tau, and of dt, to run with; at least four.
-    method : str
+        Multiples of tau, and of dt, to run with; at least four. A latency, and the duration of a
+        pulse, stay as they are: they must be multiples of each dt, and of each tau.
+    method : str, optional
         As in `simulate`.
     progress : callable, optional
         Called with the fraction done (0 to 1); an exception that it raises ends the
@@ -103,10 +106,11 @@ def accuracy(loop: ClosedLoop, duration: float | None = None, dt: float | None =
     ------
     ParameterError
         Fewer than four different factors, or one that is not positive; a loop without a law; also
-        for the reasons of `simulate`.
+        for the reasons of `simulate`, with any of the factors.
 
     Notes
     -----
+    It shows the order from this start and under this perturbation; it does not prove it for others.
     The theory assumes exact arithmetic: at a high order, small steps reach the resolution of
     float64, and steps whose result is below it are left out. An actuator that the law does not
     know, noise, or a boundary layer hides the order: the slope is then near 0.
@@ -131,11 +135,17 @@ def accuracy(loop: ClosedLoop, duration: float | None = None, dt: float | None =
         raise refused("accuracy", "factors", given, "at least four different numbers")
     multiples = sorted(different, reverse=True)
     cost, done, sizes, left = np.array([1.0/f for f in multiples]), 0.0, [], {}
-    names: list[tuple[str, int]] = []
+    seen: list[Leaf] = []
     for f, part in zip(multiples, cost/cost.sum(), strict=True):
         watched = progress and (lambda q, done=done, part=part: progress(done + part*q))
-        run = simulate(loop, duration, f*dt, f*step, method=method, tail=0.5, progress=watched)
-        names, size, why = _measured(run)
+        try:
+            run = simulate(loop, duration, f*dt, f*step, method=method, tail=0.5, progress=watched)
+        except ParameterError as why:
+            if f == 1.0:
+                raise
+            raise ParameterError("accuracy: tau and dt are multiplied by the factors, here by "
+                                 f"{f:g}, and then: {why} (or choose other factors)") from None
+        seen, size, why = _measured(run)
         sizes.append(size)
         if why:
             left.setdefault(why, []).append(f"{f*step:.3g}")
@@ -143,8 +153,8 @@ def accuracy(loop: ClosedLoop, duration: float | None = None, dt: float | None =
     steps, sizes = step*np.array(multiples), np.array(sizes).T
     slopes = [_slope(steps, size) for size in sizes]
     why = "; ".join(f"tau = {', '.join(q)} s left out: {said}" for said, q in left.items())
-    order = _order(slopes, [i for _, i in names])
-    return Accuracy(steps, tuple(n for n, _ in names), sizes, tuple(slopes), order, why, loop)
+    order = _order(slopes, [q.derivative or 0 for q in seen])
+    return Accuracy(steps, tuple(q.key for q in seen), sizes, tuple(slopes), order, why, loop)
 
 
 def _slope(steps: np.ndarray, size: np.ndarray) -> float:
@@ -155,32 +165,30 @@ def _slope(steps: np.ndarray, size: np.ndarray) -> float:
     return float(np.polyfit(np.log(steps[good]), np.log(size[good]), 1)[0])
 
 
-def _measured(run: Run) -> tuple[list[tuple[str, int]], np.ndarray, str]:
-    """[(name, derivative)], the maximum of each in the tail, and the reason to leave them out."""
-    names, sizes, why = [], [], ""
+def _measured(run: Run) -> tuple[list[Leaf], np.ndarray, str]:
+    """Leaves of sigma, the maximum of each in the tail, and the reason to leave them out."""
+    seen, sizes, why = [], [], ""
     if run.diverged_at is not None:
         why = "diverged"
     elif not run.tail:
         why = "ended before its second half"
-    many = hasattr(run.loop.stages["law"], "parts")
-    signals = (run.tail_peaks.sigma, run.low.sigma, run.high.sigma, run.max_sigma)
-    channels = zip(*(q if many else (q,) for q in signals), strict=True)
+    channels, many = laws(run), hasattr(run.loop.stages["law"], "parts")
     half, quarter = len(run.t)//2, len(run.t)//2//2
-    for c, ((b, s, v, _), parts) in enumerate(zip(laws(run), channels, strict=True)):
-        vector = isinstance(v, tuple)
-        for i, (tail, low, high, peak) in enumerate(zip(*map(flat, parts), strict=True)):
-            if not vector and i >= max(degree(b, s, v), 1):
-                continue  # a derivative that contains the control
-            where = f"[{c}]"*many + f"[{i}]"*vector
-            names.append((f"sigma{where}" + "'"*(0 if vector else i), 0 if vector else i))
-            first, last = (max(np.abs(low[q]).max(initial=0.0), np.abs(high[q]).max(initial=0.0))
-                           for q in (slice(half, half + quarter), slice(half + quarter, None)))
-            if not why and tail <= NOISE*peak:
-                why = "below the resolution of float64"
-            elif not why and first > STILL*last:
-                why = "still converging"
-            sizes.append(tail)
-    return names, np.full(len(sizes), math.nan) if why else np.array(sizes), why
+    for q in run.leaves("sigma"):
+        b, sigma, v, _ = channels[q.channel if many else 0]
+        if (q.derivative or 0) >= max(degree(b, sigma, v), 1):
+            continue  # a derivative that contains the control
+        tail, low, high, peak = (at(signal, q.path) for signal in (
+            run.tail_peaks.sigma, run.low.sigma, run.high.sigma, run.max_sigma))
+        first, last = (max(np.abs(low[k]).max(initial=0.0), np.abs(high[k]).max(initial=0.0))
+                       for k in (slice(half, half + quarter), slice(half + quarter, None)))
+        if not why and tail <= NOISE*peak:
+            why = "below the resolution of float64"
+        elif not why and first > STILL*last:
+            why = "still converging"
+        seen.append(q)
+        sizes.append(tail)
+    return seen, np.full(len(sizes), math.nan) if why else np.array(sizes), why
 
 
 def _order(slopes: list[float], derivatives: list[int]) -> int | None:

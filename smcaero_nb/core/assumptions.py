@@ -6,8 +6,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .block import Block
+from .growth import step_doubts
 from .param import switch, texted
 from .signal import flat
+from .zeros import zero_doubts
 
 if TYPE_CHECKING:
     from .run import Run
@@ -122,6 +124,7 @@ def doubts(run: "Run") -> list[str]:
     not count. Changes faster than the recorded rows are averaged out.
     """
     law, allocation, said = run.loop.stages["law"], run.loop.stages["allocation"], []
+    said += step_doubts(run) + zero_doubts(run)
     if getattr(allocation, "theorem", None):
         rows = np.unique(np.linspace(0, len(run.t) - 1, ROWS).astype(int))
         why = allocation.theorem(dict(allocation.values), [_row(run.y, i) for i in rows])

@@ -8,20 +8,43 @@ returns dx/dt.
 import copy
 import functools
 import inspect
+import keyword
 from collections.abc import Callable
-from typing import Any, overload
+from typing import Any, NamedTuple, overload
 
 from .card import Card, Law
 from .content import fingerprint
 from .family import found, home, public, rebuilt, spelt
-from .param import Param, ParameterError, declared, function, given, said, unknown
-from .signal import flat
+from .param import Param, ParameterError, checked, declared, function, given, said, unknown
+from .signal import flat, shape
 
-__all__ = ["Block", "BlockError", "Channels", "block", "channels", "routed", "wanted"]
+__all__ = ["Block", "BlockError", "Buffer", "Channels", "block", "channels", "routed", "wanted"]
 
 
 class BlockError(TypeError):
     """A block that cannot run as wired, shaped or written; the message names stage and line."""
+
+
+class Buffer(NamedTuple):
+    """A state that remembers n samples: ``@block(state=dict(late=Buffer(5)))``.
+
+    In z, the block finds what it gave `n` samples ago, in the first `n` samples `start`; in its
+    next z, it gives the number to remember. Compile time and the time of a step do not depend
+    on `n`, which ``with_(late=7)`` changes. The numbers on their way are not recorded.
+
+    Parameters
+    ----------
+    n : int
+        Number of samples, from 1 to 1e7.
+    start : float
+        Finite.
+    """
+
+    n: int
+    start: float = 0.0
+
+
+SAMPLES = Param(unit="samples", low=1.0, high=1e7, help="samples until it is seen again")
 
 
 class Block:
@@ -38,7 +61,10 @@ class Block:
     kinds : dict of str to type
         float, int, bool or a Literal of texts, of each parameter.
     values : dict
-        Values of the parameters and initial values of the states.
+        Values of the parameters and initial values of the states: numbers, tuples of numbers or
+        tuples of rows of them; of a `Buffer`, its n.
+    buffers : dict of str to float
+        What each `Buffer` among the states holds at the start.
     output : Param, tuple or None
         Metadata of what it returns.
     check : function or None
@@ -53,19 +79,25 @@ class Block:
                  check: Callable | None = None, card: Card | None = None):
         if not inspect.isfunction(f):
             raise BlockError(f"block: a block is made of a plain function, not of {said(f)}")
+        if f.__code__.co_flags & (inspect.CO_VARARGS | inspect.CO_VARKEYWORDS):
+            raise BlockError(f"block: {f.__name__} takes *args or **kwargs, but arguments are "
+                             "wired by their names; write out each signal and parameter")
         self.f, self.name, self.__doc__ = f, f.__name__, f.__doc__
         self.signals, self.params, self.kinds, self.values, self.output = declared(f)
         self.output = output or self.output
-        self.states = {}
+        self.states, self.buffers = {}, {}
         for name, v in state.items():
-            v, meta = v if isinstance(v, tuple) and len(v) == 2 else (v, Param())
-            if isinstance(v, (tuple, list)) or not isinstance(meta, Param):
-                raise BlockError(f"{self.name}: state {name} = {said(state[name])} is not allowed; "
-                                 "a state is a number, or (number, Param(...)): name one for each "
-                                 f"number, {name}_0, {name}_1, ...")
             if name in self.params:
                 raise BlockError(f"{self.name}: '{name}' is both a parameter and a state")
-            self.states[name], self.values[name] = meta, meta.check(self.name, name, v)
+            pair = isinstance(v, tuple) and len(v) == 2 and isinstance(v[1], Param)
+            v, meta = v if pair else (v, Param())
+            if isinstance(v, Buffer):
+                self.buffers[name] = Param().check(self.name, f"start of {name}", v.start)
+                self.states[name], self.kinds[name] = SAMPLES, int
+                self.values[name] = SAMPLES.check(self.name, name, v.n, int)
+            else:
+                self.states[name] = meta
+                self.values[name] = checked(self.name, name, meta, v)
         if "z" in self.signals and not state:
             raise BlockError(f"{self.name} asks for z, but names no state: @block(state=dict(...))")
         self.check, self.card, self.factory = check, card, None
@@ -79,7 +111,7 @@ class Block:
 
     settable = property(lambda self: {**self.params, **self.states})
     p = property(lambda self: tuple(self.values[n] for n in self.params))
-    z0 = property(lambda self: tuple(self.values[n] for n in self.states))
+    z0 = property(lambda self: tuple(self.buffers.get(n, self.values[n]) for n in self.states))
     theorem = property(lambda self: getattr(self.card, "assumes", None))
     band = property(lambda self: getattr(self.card, "band", None))
 
@@ -120,7 +152,9 @@ class Block:
         maker, arguments = self.factory or (self.f, None)
         at, functions = self._home, filter(inspect.isfunction, (arguments or {}).values())
         if lost := maker if not at else next((f for f in functions if not home(f)), None):
-            why = "is another block of this function" if home(lost) else "cannot be imported"
+            why = "is another block of this function" if home(lost) else (
+                "is defined in the script or notebook itself" if lost.__module__ == "__main__" else
+                "cannot be imported")
             raise BlockError(
                 f"block '{self.name}' cannot be pickled, because {lost.__module__}."
                 f"{lost.__qualname__} {why}; move it to a module (a .py file) and "
@@ -157,7 +191,8 @@ class Block:
         for name, v in changes.items():
             if name not in known:
                 raise unknown(self.name, name, known)
-            new.values[name] = known[name].check(self.name, name, v, self.kinds.get(name, float))
+            new.values[name] = checked(self.name, name, known[name], v,
+                                       self.kinds.get(name, float), self._born[name])
         new._together()
         return new
 
@@ -172,13 +207,14 @@ class Block:
         rest = list(self.params)[max(0, len(args) - len(self.signals)):]
         for name, v in params.items():
             if name in self.params:
-                params[name] = self.params[name].check(self.name, name, v, self.kinds[name])
+                params[name] = checked(self.name, name, self.params[name], v, self.kinds[name],
+                                       self._born[name])
             elif name not in self.signals:
                 raise unknown(self.name, name, [*self.signals, *self.params])
         return self.f(*args, **{**{n: self.values[n] for n in rest}, **params})
 
     def __repr__(self):
-        values = {n: v if isinstance(v, str) else f"{v:g}" for n, v in self.values.items()}
+        values = {n: _short(v) for n, v in self.values.items()}
         say = (f"{n}={values[n]}" + f" {m.unit}"*(m.unit != "1") for n, m in self.settable.items())
         return f"{self.name}({', '.join(say)})"
 
@@ -188,7 +224,16 @@ class Block:
             return (m.low, m.high) if isinstance(m, Param) else m and tuple(map(bounds, m))
 
         states = {n: bounds(m) for n, m in self.states.items()}
-        return fingerprint(self.f), states, bounds(self.output), self.kinds
+        entries = {n: shape(v) for n, v in self.values.items() if isinstance(v, tuple)}
+        return (fingerprint(self.f), states, bounds(self.output), self.kinds, entries,
+                self.buffers)
+
+
+def _short(value: Any) -> str:
+    """Text of a value, in short."""
+    if isinstance(value, tuple):
+        return f"({', '.join(map(_short, value))})"
+    return value if isinstance(value, str) else f"{value:g}"
 
 
 class Channels:
@@ -200,6 +245,9 @@ class Channels:
         if not parts:
             raise BlockError(f"{self.name}: at least one block is needed: {self.name}(a=..., ...)")
         for name, b in parts.items():
+            if not name.isidentifier() or keyword.iskeyword(name) or "__" in name:
+                raise BlockError(f"{self.name}: a part cannot be called {said(name)}; it must be "
+                                 "a name in Python, without two underscores in a row")
             wanted(f"{self.name}: {name}", b)
         self.parts = parts
         self.__doc__ = "\n\n".join(f"{c}: {b.__doc__}" for c, b in parts.items())
@@ -255,7 +303,8 @@ def routed(owner: str, parts: dict, changes: dict) -> dict:
     for key, v in changes.items():
         part, _, name = key.partition("__")
         if part not in parts:
-            raise unknown(owner, part, parts)
+            inside = [f"{p}__{n}" for p, b in parts.items() if b for n in b.settable]
+            raise unknown(owner, part, parts, inside)
         if name:
             inner.setdefault(part, {})[name] = v
         else:
@@ -301,7 +350,9 @@ def block(f=None, *, state=None, output=None, check=None, card=None) -> Any:
         a mask only calls (`ui.live`) may be anything, and have parameters that are a choice:
         ``Annotated[Literal["a", "b"], Param(...)]``.
     state : dict, optional
-        ``{name: initial value}`` or ``{name: (initial value, Param)}``.
+        ``{name: initial value}`` or ``{name: (initial value, Param)}``; a value may be a number, a
+        tuple (a quaternion) or a tuple of rows (a matrix), as that of a parameter may. A state that
+        is a `Buffer` remembers samples.
     output : Param or tuple of Param, optional
         Metadata of what it returns, nested as that is; of a block with memory, without its states.
         The return annotation ``Annotated[float, Param(...)]``, or a tuple of these, says the same.

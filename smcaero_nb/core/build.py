@@ -36,11 +36,11 @@ def built(loop: Any, method: str, tau: float, m: int, lag: int,
     with _lock:
         key = _key(loop, method, m, lag)
         if not jit:  # these very functions, in which a debugger can stop
-            return _plain(written(loop, method, tau, m, lag))
+            return _plain(written(loop, method, tau, m, lag), loop)
         if key in _made and not _made[key][1].stands(loop, tau, m):
             written(loop, method, tau, m, lag)  # raises the error of a new loop
         if key not in _made:
-            _made[key] = _compiled(written(loop, method, tau, m, lag), key)
+            _made[key] = _compiled(written(loop, method, tau, m, lag), loop, tau, m, key)
         return remembered(_made, key, LOOPS)
 
 
@@ -62,31 +62,34 @@ def _defined(program: Program, functions: dict[str, Any]) -> types.FunctionType:
     return names["run"]
 
 
-def _plain(program: Program) -> tuple[Callable, Program]:
-    return _defined(program, {n: f for n, (f, _) in program.functions.items()}), program
+def _plain(program: Program, loop: Any) -> tuple[Callable, Program]:
+    return _defined(program, program.functions(loop)), program
 
 
-def _compiled(program: Program, key: str) -> tuple[Callable, Program]:
+def _compiled(program: Program, loop: Any, tau: float, m: int,
+              key: str) -> tuple[Callable, Program]:
     from numba import float64, int64, njit
     from numba.core.errors import NumbaError, UnsupportedBytecodeError
 
-    plain = _defined(program, {n: compiled(f) for n, (f, _) in program.functions.items()})
+    plain = _defined(program, {n: compiled(f) for n, f in program.functions(loop).items()})
     f = kept(njit(**OPTIONS)(plain), key + program.source)
     try:
         f.compile((*[float64[::1]]*3, float64[:, ::1], float64, float64, *[int64]*8))
     except (NumbaError, UnsupportedBytecodeError) as why:
-        raise _uncompilable(program, why) from why
+        raise _uncompilable(program, loop, program.tried(loop, tau, m), why) from why
     return f, program
 
 
-def _uncompilable(program: Program, why: Exception) -> BlockError:
+def _uncompilable(program: Program, loop: Any, values: dict, why: Exception) -> BlockError:
     """The error that names the block, and the line in it, that numba cannot compile."""
+    blocks = program.blocks(loop)
     for source in program.source.split("\n"):
-        for name, (f, where) in program.functions.items():
+        for name, b in blocks.items():
             if f" = {name}(" not in source:
                 continue
-            args = eval(f"({source.split(f' = {name}(')[1][:-1]},)", program.values)
-            if reason := _refusal(f, args):
+            args = eval(f"({source.split(f' = {name}(')[1][:-1]},)", values)
+            if reason := _refusal(b.f, args):
+                where = f"{program.places[name][0]} '{b.name}'"
                 return BlockError(f"{where} cannot be compiled{_place(reason)}: {_first(reason)}. "
                                   "A block may use floats, tuples, math and plain functions; "
                                   "simulate(..., jit=False) runs it as plain Python")

@@ -211,7 +211,7 @@ def kept(dispatcher: Any, key: str) -> Any:
     except ImportError:
         known = False
     if not known:
-        _once("smcaero_nb: this version of numba keeps compiled code in another way; "
+        _once("smcaero_nb: this version of numba keeps compiled code differently; "
               "it is compiled anew in every process")
         return dispatcher
     try:

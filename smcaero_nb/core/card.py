@@ -31,7 +31,7 @@ _kinds = functools.cache(get_type_hints)  # of a class of cards
 
 @dataclass(frozen=True, kw_only=True)
 class Card:
-    """What a block is: the kind of card says for which stage of a loop.
+    """Description of a block; the kind of card says for which stage of a loop it is.
 
     Parameters
     ----------
@@ -84,12 +84,12 @@ class Law(Card):
     needs, guarantees : str
         What has to be known of the perturbation, and what sigma then does.
     assumes : function, optional
-        What its theorem assumes of the perturbation. It is given ``{name: value}`` and the largest
+        What its theorem assumes of the perturbation. It is given ``{name: value}`` and the maximum
         \|xi\| and \|xi'\| of a run, and returns None, or the sentence that says which condition
         does not hold; see `Run.doubts`.
     describing : function, optional
-        Its describing function: given ``{name: value}`` and the amplitude of sigma, it returns the
-        gain of the first harmonic.
+        Its describing function: given ``{name: value}``, the amplitude of sigma and its frequency
+        [rad/s], it returns the gain of the first harmonic; complex where v is not in phase.
     band : function, optional
         The size of sigma that it accepts, drawn in pictures. It is given a time and
         ``{name: value}``.

@@ -23,7 +23,7 @@ _known: dict = {}
 
 
 def codes(c: types.CodeType) -> list[types.CodeType]:
-    """A code object and those nested in it."""
+    """Return a code object and those nested in it."""
     return [c] + [d for k in c.co_consts if isinstance(k, types.CodeType) for d in codes(k)]
 
 
@@ -44,7 +44,7 @@ def _attributes(code: types.CodeType) -> tuple[str, ...]:
 
 
 def used(f: types.FunctionType) -> dict[str, Any]:
-    """The globals that a function reads."""
+    """Return the globals that a function reads."""
     return {n: f.__globals__[n] for n in _written(f.__code__)[0] if n in f.__globals__}
 
 
@@ -55,7 +55,7 @@ def _name(v: Any) -> str:
 
 
 def is_library(v: Any) -> bool:
-    """Whether numba compiles `v` without help."""
+    """Return whether numba compiles `v` without help."""
     if hasattr(v, "of_signals"):
         return True
     return hasattr(v, "__name__") and _name(v).lstrip(".").split(".")[0] in _LIBRARIES

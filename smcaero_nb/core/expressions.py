@@ -5,13 +5,24 @@ from typing import Any
 
 from .block import BlockError
 from .param import Param
+from .signal import flat, leaves, shape, text
 
-__all__ = ["error", "limits", "local", "zero"]
+__all__ = ["error", "limits", "local", "nested", "spread", "zero"]
 
 
 def local(name: str, path: str = "") -> str:
     """Return the variable of a leaf: sigma, e_0, x_3."""
     return name + path.replace("][", "_").replace("[", "_").replace("]", "")
+
+
+def spread(name: str, value: Any) -> dict[str, float]:
+    """Return {variable: value} of a number, or of each entry of a nested tuple."""
+    return {local(name, q): v for q, v in zip(leaves(shape(value)), flat(value), strict=True)}
+
+
+def nested(name: str, s: Any) -> str:
+    """Return the text of a signal of shape `s` in terms of its variables."""
+    return text(s, (local(name, q) for q in leaves(s)))
 
 
 def error(r: Any, y: Any, p: str = "", q: str = "", name: str = "y") -> str:

@@ -15,6 +15,8 @@ from typing import Any
 
 import numpy as np
 
+from .content import is_block
+
 __all__ = ["family", "found", "home", "plain", "public", "rebuilt", "spelt", "written"]
 
 KIT = __name__.partition(".")[0]
@@ -70,7 +72,7 @@ def family(*, card: Any = None) -> Callable[[Callable], Callable]:
 
 
 def plain(value: Any) -> Any:
-    """Numbers, texts and tuples of them for what an argument may be given as; the rest as it is."""
+    """Return an argument as numbers, texts and tuples of them; anything else as it is."""
     value = value.item() if getattr(value, "ndim", 1) == 0 else value  # a number of numpy
     if isinstance(value, (bool, str)):
         return value
@@ -81,19 +83,19 @@ def plain(value: Any) -> Any:
 
 # ---- where blocks come from ----------------------------------------------------------------------
 def found(module: str, name: str) -> Any:
-    """What an importable module has under a name, or None."""
+    """Return what an importable module has under a name, or None."""
     return getattr(sys.modules.get(module), name, None)
 
 
 def home(maker: Callable) -> tuple[str, str] | None:
-    """Module and name to import a factory, or the block of a function, from, or None."""
+    """Return module and name to import a factory, or a function's block, from, or None."""
     module, name = maker.__module__, maker.__qualname__
     thing = None if module == "__main__" else found(module, name)
     return (module, name) if thing is maker or getattr(thing, "f", None) is maker else None
 
 
 def public(module: str, name: str) -> str:
-    """The name by which a person reaches it; of the kit, without the name of the kit."""
+    """Return the name by which a person reaches it; within the kit, without that of the kit."""
     if module.partition(".")[0] != KIT:
         return f"{module}.{name}"
     library = ".".join(module.split(".")[:2])
@@ -102,7 +104,7 @@ def public(module: str, name: str) -> str:
 
 
 def spelt(maker: Callable, arguments: dict | None = None) -> str:
-    """Text of a factory, or of the block of a function, in code; of arguments, what is needed."""
+    """Return the code that makes a factory's block, or a function's, with arguments as needed."""
     at = home(maker)
     text = "smc."*(at[0].partition(".")[0] == KIT) + public(*at) if at else maker.__name__
     if arguments is None:
@@ -111,7 +113,7 @@ def spelt(maker: Callable, arguments: dict | None = None) -> str:
     for n, a in inspect.signature(maker).parameters.items():
         v = arguments[n]
         if a.default is a.empty or v != a.default:
-            value = spelt(v) if inspect.isfunction(v) else repr(v)
+            value = spelt(v) if inspect.isfunction(v) else v.code() if is_block(v) else repr(v)
             given.append(value if a.default is a.empty else f"{n}={value}")
     return f"{text}({', '.join(given)})"
 

@@ -1,4 +1,4 @@
-"""Leaves: the numbers of a signal, described."""
+"""Leaves: the numbers of a signal, leaves_of."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -7,7 +7,7 @@ from .param import Param
 from .signal import leaves
 from .stages import SIGNALS
 
-__all__ = ["Leaf", "at", "found", "heads", "named"]
+__all__ = ["Leaf", "at", "found", "heads", "leaves_of", "named"]
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ def found(signal: str, shape: Any, metas: Any, many: bool,
     Nested items are channels, and the items of a channel are derivatives. The items of a flat
     signal are derivatives of one another, or channels if `many`; with `names`, named channels.
     """
-    nested = shape is not None and any(v is not None for v in shape)
+    nested = not names and shape is not None and any(v is not None for v in shape)
     made = []
     for q in leaves(shape):
         path = tuple(int(i) for i in q[1:-1].split("][")) if q else ()
@@ -69,30 +69,33 @@ def found(signal: str, shape: Any, metas: Any, many: bool,
         derivative = None if not nested and many else (inner[-1] if inner else 0)
         several = shape is not None and (nested or many) and len(shape) > 1
         mark = f"[{channel}]" if several else ""
-        key = f"{signal}.{names[channel]}" if names else f"{signal}{mark}" + "'"*(derivative or 0)
+        key = f"{signal}{mark}" + "'"*(derivative or 0)
+        if names:
+            key = f"{signal}.{names[channel]}" + "".join(f"[{i}]" for i in path[1:])
         made.append(Leaf(key, signal, path, channel, derivative, _meta(metas, path)))
     return tuple(made)
 
 
-def named(loop: Any, shapes: dict[str, Any]) -> dict[str, tuple[Leaf, ...]]:
-    """Return the leaves of all signals of a loop, by signal."""
+def leaves_of(loop: Any, shapes: dict[str, Any], signal: str) -> tuple[Leaf, ...]:
+    """Return the leaves of a signal of a loop, given the shapes of all its signals."""
     plant, output = loop.stages["plant"], loop.stages["output"]
     nested = shapes["e"] is not None and any(v is not None for v in shapes["e"])
     channels = nested or loop.stages["law"] is not None and shapes["v"] is not None
-    names = () if output or len(plant.states) == 1 else tuple(plant.states)
-    made = {}
-    for s in (*SIGNALS[1:], "e_m", "probe"):
-        if s not in shapes:
-            continue
-        passed = s == "e_hat" and not loop.stages["differentiator"]
-        outward = s in ("r", "y", "y_m", "e", "e_m") or passed
-        states = names if outward and shapes[s] == shapes["x"] else ()
-        metas = loop.metadata(s)
-        if outward and not output and metas is None:
-            metas = tuple(plant.states.values())
-        many = bool(states) or s in ("v", "u", "d", "probe") or s == "sigma" and channels
-        made[s] = found(s, shapes[s], metas, many, states)
-    return made
+    names = () if output or shapes["x"] == (None,) else tuple(plant.states)
+    passed = signal == "e_hat" and not loop.stages["differentiator"]
+    outward = signal in ("r", "y", "y_m", "e", "e_m") or passed
+    rows = signal == "sigma" and not loop.stages["surface"] and any(shapes["x"])
+    states = names if (outward or rows) and shapes[signal] == shapes["x"] else ()
+    metas = loop.metadata(signal)
+    if (outward or states) and not output and metas is None:
+        metas = tuple(plant.states.values())
+    many = bool(states) or signal in ("v", "u", "d", "probe") or signal == "sigma" and channels
+    return found(signal, shapes[signal], metas, many, states)
+
+
+def named(loop: Any, shapes: dict[str, Any]) -> dict[str, tuple[Leaf, ...]]:
+    """Return the leaves of all signals of a loop, by signal."""
+    return {s: leaves_of(loop, shapes, s) for s in (*SIGNALS[1:], "e_m", "probe") if s in shapes}
 
 
 def heads(leaves_: tuple[Leaf, ...], values: Any) -> list:

@@ -1,12 +1,14 @@
 """The closed loop: blocks in their stages."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from .block import Block, BlockError, Channels, routed, wanted
+from .expressions import spread
 from .param import Param, ParameterError, function, positive, texted, unknown
-from .program import parts
-from .stages import STAGES
+from .program import parts, paths
+from .signal import leaves, shape
+from .stages import SAMPLED, STAGES
 
 __all__ = ["ClosedLoop"]
 
@@ -24,12 +26,13 @@ class ClosedLoop:
     law, allocation, actuator, perturbation : Block, Channels or None
         The stages of the pipeline; a stage left out is the identity (reference and perturbation:
         zero) and costs nothing. Without `output`, y is the tuple of the plant's states, or, for a
-        plant with one state, that number. A parameter that `output` shares with the plant follows
-        the plant. The output may ask for u and d as they act on the plant when y is measured: at a
-        sample, u is still that of the previous sample (zero before the first), so that no loop is
-        algebraic; in the stages of the control, too, u is what has acted since the previous sample.
-        The control sees the output of `sensor` in place of y, and r minus it in place of e. A
-        `reference` or `perturbation` with memory is evaluated at every sample and held in between.
+        plant with one state, that number. A parameter that `output`, or a part of it, shares with
+        the plant follows the plant. The output may ask for u and d as they act on the plant when y
+        is measured: at a sample, u is still that of the previous sample (zero before the first), so
+        that no loop is algebraic; in the stages of the control, too, u is what has acted since the
+        previous sample. The control sees the output of `sensor` in place of y, and r minus it in
+        place of e. A `reference` or `perturbation` with memory is evaluated at every sample and
+        held in between.
     stop : Block or None
         Distance to the end of the run, which ends at the first step at which ``stop(t, x)`` is no
         longer positive.
@@ -50,7 +53,8 @@ class ClosedLoop:
     Raises
     ------
     BlockError
-        A stage is not a block.
+        A stage is not a block, or the law is a block that is a surface or something else by its
+        card.
     ParameterError
         An unknown stage, or a time, name or verdict that is not allowed.
 
@@ -77,6 +81,7 @@ class ClosedLoop:
                                              {"plant": plant, **stages})
         for stage, b in self.stages.items():
             wanted(stage, b, *((Block,) if stage == "plant" else (Block, Channels, type(None))))
+            _belongs(stage, b)
             kinds = b.kinds if b else {}
             if texts := [n for n, k in kinds.items() if k not in (float, int, bool)]:
                 raise BlockError(f"{stage} '{b.name}': {texts[0]} is a choice of texts; "
@@ -99,39 +104,68 @@ class ClosedLoop:
         own = {k: changes.pop(k, getattr(self, k)) for k in OWN}
         for name in changes:
             if (stage := name.partition("__")[0]) not in STAGES:
-                raise unknown("ClosedLoop", stage, (*STAGES, *OWN))
-        for name in getattr(changes.get("plant", self.stages["plant"]), "params", ()):
-            if f"output__{name}" in changes:
-                raise ParameterError(f"ClosedLoop: {name} of the output follows the plant; "
-                                     f"set plant__{name}")
-        return ClosedLoop(**routed("ClosedLoop", self.stages, changes), **own)
+                raise unknown("ClosedLoop", stage, (*STAGES, *OWN), self.settable())
+        new = ClosedLoop(**routed("ClosedLoop", self.stages, changes), **own)
+        if tied := [q for n, q in new._tied.items() if n in changes]:
+            raise ParameterError(f"ClosedLoop: {tied[0]} of the output follows the plant; "
+                                 f"set plant__{tied[0]}")
+        return new
 
     def settable(self) -> dict[str, tuple[Param, Any, Any]]:
         """Return {name: (Param, value, kind)} of all that `with_` sets in the stages."""
-        tied, found = self.stages["plant"].params, {}
+        tied, found = self._tied, {}
         for stage, b in self.stages.items():
             if b is None:
                 continue
             values, kinds = b.values, b.kinds
             found |= {f"{stage}__{n}": (meta, values[n], kinds.get(n, float))
-                      for n, meta in b.settable.items() if not (stage == "output" and n in tied)}
+                      for n, meta in b.settable.items() if f"{stage}__{n}" not in tied}
         return found
+
+    @property
+    def _tied(self) -> dict[str, str]:
+        """The parameters of the output that follow the plant: {name in the loop: the plant's}."""
+        return {f"{path}__{n}": n for path, b in paths("output", self.stages["output"])
+                for n in b.params if n in self.stages["plant"].params}
 
     @property
     def p(self) -> dict[str, tuple]:
         """The parameters, stage by stage; one that output and plant share has the plant's value."""
         plant, b = self.stages["plant"], dict(self.stages)
-        if b["output"]:
-            shared = [n for n in b["output"].params if n in plant.params]
-            b["output"] = b["output"].with_(**{n: plant.values[n] for n in shared})
+        if tied := {n.removeprefix("output__"): plant.values[q] for n, q in self._tied.items()}:
+            b["output"] = b["output"].with_(**tied)
         return {s: v.p for s, v in b.items() if v}
+
+    def parameters(self) -> dict[str, tuple[str, float, type]]:
+        """Return {variable: (full name, value, kind)} of all parameters and sizes of buffers."""
+        made = {}
+        for s, values in self.p.items():
+            own = [(f"{path}__{n}", b.kinds[n]) for path, b in paths(s, self.stages[s])
+                   for n in b.params]
+            for i, (v, (name, kind)) in enumerate(zip(values, own, strict=True)):
+                entries = zip(spread(f"p_{s}_{i}", v).items(), leaves(shape(v)), strict=True)
+                made |= {q: (name + at, number, kind) for (q, number), at in entries}
+        for variable, name, b, n in self._states():
+            if n in b.buffers:
+                made[f"n_{variable}"] = name, b.values[n], int
+        return made
+
+    def _states(self) -> Iterator[tuple[str, str, Block, str]]:
+        """(variable, full name, block, name) of each state of the blocks with memory."""
+        for s, q in STAGES.items():
+            if q.memory and s != "plant":
+                own = ((path, b, n) for path, b in paths(s, self.stages[s]) for n in b.states)
+                yield from ((f"z_{s}_{i}", f"{path}__{n}", b, n)
+                            for i, (path, b, n) in enumerate(own))
 
     def start(self) -> tuple[dict[str, float], dict[str, float]]:
         """Return the initial {variable: value} of the plant and of the blocks with memory."""
-        z = {f"z_{s}_{i}": v for s, q in STAGES.items()
-             if q.memory and s != "plant" and self.stages[s]
-             for i, v in enumerate(self.stages[s].z0)}
-        return {f"x_{i}": v for i, v in enumerate(self.stages["plant"].z0)}, z
+        x, z = {}, {}
+        for i, v in enumerate(self.stages["plant"].z0):
+            x |= spread(f"x_{i}", v)
+        for variable, _, b, n in self._states():
+            z |= {} if n in b.buffers else spread(variable, b.values[n])
+        return x, z
 
     def metadata(self, signal: str) -> Any:
         """Return the metadata of a signal: a `Param`, a nested tuple of them, or None."""
@@ -156,3 +190,12 @@ class ClosedLoop:
         blocks = [f"  {s:<15}{b!r}" for s, b in self.stages.items() if b]
         late = f", latency {self.latency:g} s"*(self.latency > 0.0)
         return "\n".join([f"ClosedLoop {self.name}".rstrip() + late, *blocks])
+
+
+def _belongs(stage: str, b: Any) -> None:
+    """Raise `BlockError` for a law that by its card is another stage of the control."""
+    for q in parts(b) if stage == "law" else ():
+        at = q.card.stage if q.card else None
+        if at in SAMPLED and at != stage:
+            raise BlockError(f"law '{q.name}' is a block for the stage {at}, as its card says; "
+                             f"give it as {at}={q.name}, and a law beside it")

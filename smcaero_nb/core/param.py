@@ -7,14 +7,18 @@ import numbers
 import reprlib
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Any, get_args, get_origin
+from typing import Any, Literal, get_args, get_origin
 
 import numpy as np
 
-__all__ = ["Param", "ParameterError", "chosen", "declared", "function", "given", "listed", "number",
-           "positive", "real", "refused", "said", "several", "switch", "texted", "unknown"]
+from .signal import leaves, shape, size
+
+__all__ = ["Param", "ParameterError", "checked", "chosen", "declared", "function", "given",
+           "listed", "number", "positive", "real", "refused", "relative_degree", "said", "several",
+           "switch", "texted", "unknown"]
 
 MOST, MANY = 160, 400  # characters of a value, and of a list of names, that a message shows
+ENTRIES = 100  # maximum number of entries of a parameter
 
 
 class ParameterError(ValueError):
@@ -100,6 +104,38 @@ class Param:
         return what + (f"{' ' if low or high else ', in '}{self.unit}" if self.unit != "1" else "")
 
 
+def checked(owner: str, name: str, meta: Param, value: Any, kind: Any = float,
+            like: Any = None) -> Any:
+    """Return a value if it is allowed: a number, a tuple of numbers or a tuple of rows of numbers.
+
+    Lists and arrays become tuples. A tuple must have as many entries as `like`, if that is given.
+    """
+    entries = _tupled(value)
+    if not isinstance(entries if like is None else like, tuple):
+        return meta.check(owner, name, value, kind)
+    form = shape(entries)
+    if like is not None and form != shape(like):
+        rows = " numbers"*isinstance(like[0], tuple)
+        raise refused(owner, name, value, size(shape(like)) + rows, meta.unit)
+    deep = any(q is not None for row in form if row is not None for q in row)
+    if deep or () in (form, *form) or len(leaves(form)) > ENTRIES:
+        raise refused(owner, name, value, "a number, a tuple of numbers or a tuple of rows of "
+                      f"numbers, of at most {ENTRIES}; a block reads more from an array")
+    return _checked(owner, name, meta, entries, kind)
+
+
+def _tupled(value: Any) -> Any:
+    """Tuples for lists and arrays, nested as they are."""
+    sequence = isinstance(value, (tuple, list)) or isinstance(value, np.ndarray) and value.ndim
+    return tuple(map(_tupled, value)) if sequence else value
+
+
+def _checked(owner: str, name: str, meta: Param, value: Any, kind: Any) -> Any:
+    if isinstance(value, tuple):
+        return tuple(_checked(owner, f"{name}[{i}]", meta, v, kind) for i, v in enumerate(value))
+    return meta.check(owner, name, value, kind)
+
+
 def real(value: Any) -> bool:
     """Return whether a value is a real number; a switch is not, nor a duration of numpy."""
     return isinstance(value, numbers.Real) and not isinstance(value, (bool, np.timedelta64))
@@ -162,6 +198,22 @@ def refused(owner: str, name: str, value: Any, must: str, unit: str = "1") -> Pa
     return ParameterError(f"{owner}: {name} = {value} is not allowed; it must be {must}")
 
 
+def relative_degree(owner: str, r: Any, high: int, low: int = 1) -> int:
+    """Return a relative degree from `low` to `high`, else raise `ParameterError`; names the way on.
+
+    Higher ones are rare in a design, and a law of first order takes any.
+    """
+    try:
+        return Param(low=low, high=high).check(owner, "r", r, int)
+    except ParameterError as why:
+        if not number(r) > high:
+            raise
+        raise ParameterError(
+            f"{why}. On a longer time scale it may be lower (prd.sweep); or write the sliding "
+            "variable of any r as a block, e^(r-1) + c_(r-2) e^(r-2) + ... + c_0 e with c of "
+            "np.poly([-w]*(r - 1)), for a law of relative degree 1") from None
+
+
 def chosen(owner: str, name: str, value: Any, allowed: Iterable[str]) -> str:
     """Return `value` if it is one of the texts `allowed`, else raise `ParameterError`."""
     if not (isinstance(value, str) and value in allowed):
@@ -218,12 +270,13 @@ def declared(f: Callable) -> tuple[tuple, dict, dict, dict, Any]:
         if a.default is a.empty:
             signals.append(name)
             continue
-        params[name] = _meta(a.annotation) or Param()
+        meta = _meta(a.annotation)
+        params[name] = meta if isinstance(meta, Param) else Param()
         kind = a.annotation.__origin__ if hasattr(a.annotation, "__metadata__") else a.annotation
-        if kind not in (int, bool, float) and not get_args(kind):
+        if kind not in (int, bool, float) and get_origin(kind) is not Literal:
             kind = bool if isinstance(a.default, bool) else float
         kinds[name] = kind
-        values[name] = params[name].check(f.__name__, name, a.default, kinds[name])
+        values[name] = checked(f.__name__, name, params[name], a.default, kind)
     return tuple(signals), params, kinds, values, _meta(signature.return_annotation)
 
 
@@ -243,9 +296,12 @@ def several(owner: str, name: str, values: Any) -> tuple:
     return tuple(values)
 
 
-def unknown(owner: str, name: str, known: Iterable[str]) -> ParameterError:
-    """The error for a name that `owner` does not have."""
-    near = difflib.get_close_matches(name, known, 1)
+def unknown(owner: str, name: str, known: Iterable[str],
+            inside: Iterable[str] = ()) -> ParameterError:
+    """The error for a name that `owner` does not have; `inside` are names that reach into parts."""
+    known, inside = [*known], [*inside]
+    near = [n for n in inside if n.endswith(f"__{name}")][:3]
+    near = near or difflib.get_close_matches(name, [*known, *inside], 1)
     return ParameterError(f"{owner} has no {said(name)}"
-                          + (f"; did you mean {said(near[0])}?" if near else ".")
+                          + (f"; did you mean {' or '.join(map(said, near))}?" if near else ".")
                           + f" It has: {listed(known, 'nothing to set')}")

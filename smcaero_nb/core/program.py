@@ -7,15 +7,15 @@ step, and as one that takes a single step.
 import ast
 import functools
 import math
-import types
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from .block import Block
 from .checks import check
-from .leaves import Leaf
 
-__all__ = ["METHODS", "Line", "Meter", "Program", "parts", "paths", "serial", "step"]
+__all__ = ["METHODS", "Line", "Meter", "Program", "first", "methods", "parts", "paths", "serial",
+           "step"]
 
 LIMIT = 1e12  # sum of |x|, or of |u|, beyond which any run has diverged
 #: (node, weight) of each evaluation of the plant
@@ -100,63 +100,62 @@ METERS = (
 class Program:
     """A closed loop, written out; made by `writer.written`.
 
+    It is text and numbers, and holds nothing of the loop that it was written for but what its lines
+    depend on: loops of the same blocks share it, whatever their values, units and names.
+
     Attributes
     ----------
     segments : dict of str to tuple of Line
         ``command`` (reference and perturbation held between samples), ``measure`` (y, r, e),
         ``disturb``, ``stop``, ``control`` (the sampled stages), ``act`` (a control that acts late),
         ``advance`` (one step of the plant), ``probe``, in the order in which they act.
-    functions : dict of str to (function, str)
-        {name in the lines: (the plain function of a block, its description)}.
     places : dict of str to (str, int)
-        {name in the lines: (stage, number of the block in it)}.
+        {name of a function in the lines: (stage, number of its block in it)}.
     params : dict of str to str
         {variable: full name, as `ClosedLoop.with_` takes it}.
     x, z, held : tuple of str
         Variables of the plant's states, of those of blocks, and of signals held between steps.
     shapes : dict of str to nested tuple
         Of the signals; None stands for a number.
-    leaves : dict of str to tuple of Leaf
-        Of the signals.
     meters : tuple of (Meter, str)
         Each with the variable that it watches.
     state : dict of str to float
-        {variable kept from step to step: its initial value}.
+        {variable kept from step to step: its initial value}; the states of plant and blocks, whose
+        initial values are those of the loop, have 0.
     columns : tuple of str
         Variables of a recorded row.
     inside, driven : str
         Conditions under which a step, and a sample, are within all limits.
-    rings : tuple of float
-        Initial values of the ring buffers.
+    rings : tuple of (str, float)
+        Length, a variable or a number, and initial value of each ring buffer in R, in order.
     lag : int
         Steps until a control acts.
     kinds : dict of str to type
         Of the parameters, by variable.
     trial : tuple of str
         The lines tried, in order.
-    values : dict
-        The variables at the end of the trial.
+    exact : tuple of str
+        Variables of the matrices that advance a linear plant exactly (`exact.constants`), which
+        follow the parameters in P; empty for the methods of Runge and Kutta.
     """
 
     segments: dict[str, tuple[Line, ...]]
-    functions: dict[str, tuple[types.FunctionType, str]]
     places: dict[str, tuple[str, int]]
     params: dict[str, str]
     x: tuple[str, ...]
     z: tuple[str, ...]
     held: tuple[str, ...]
     shapes: dict[str, Any]
-    leaves: dict[str, tuple[Leaf, ...]]
     meters: tuple[tuple[Meter, str], ...]
     state: dict[str, float]
     columns: tuple[str, ...]
     inside: str
     driven: str
-    rings: tuple[float, ...]
+    rings: tuple[tuple[str, float], ...]
     lag: int
     kinds: dict[str, type]
     trial: tuple[str, ...]
-    values: dict[str, Any]
+    exact: tuple[str, ...] = ()
 
     def updates(self, when: str, serial: bool = False) -> list[str]:
         """Return the lines of the meters at a moment, with branches if `serial`."""
@@ -178,21 +177,48 @@ class Program:
         """The loop as one function, to be run plain or compiled."""
         return serial(self)
 
+    def blocks(self, loop: Any) -> dict[str, Block]:
+        """Return the blocks of a loop by the names that their functions have in the lines."""
+        stages = {s: parts(b) for s, b in loop.stages.items()}
+        return {n: stages[s][i] for n, (s, i) in self.places.items()}
+
+    def functions(self, loop: Any) -> dict[str, Callable]:
+        """Return the plain functions of a loop's blocks, by their names in the lines."""
+        return {n: b.f for n, b in self.blocks(loop).items()}
+
     @functools.cached_property
-    def _tried(self) -> types.CodeType:
+    def _trial(self) -> Any:
         return compile("\n".join(self.trial), "<trial>", "exec")
+
+    def ring(self, values: dict[str, float]) -> list[float]:
+        """Return R, the ring buffers one after the other, for given values of the parameters."""
+        return [v for size, v in self.rings for _ in range(int(values.get(size) or size))]
+
+    def tried(self, loop: Any, tau: float, m: int) -> dict[str, Any]:
+        """Return the variables after the first step of a loop, run line by line."""
+        values = {q: v for q, (_, v, _) in loop.parameters().items()}
+        x, z = loop.start()
+        made = {"t": 0.0, "tau": tau, "dt": 0.0, "k": 0, "m": m, "R": self.ring(values),
+                "check": check, **dict.fromkeys(self.exact, 0.0), **self.functions(loop), **x, **z,
+                **values}
+        exec(self._trial, made)
+        return made
 
     def stands(self, loop: Any, tau: float, m: int) -> bool:
         """Return whether the trial succeeds for a loop of the same blocks with other values."""
-        functions = {n: parts(loop.stages[s])[i].f for n, (s, i) in self.places.items()}
-        values = dict(zip(self.params, (v for p in loop.p.values() for v in p), strict=True))
-        x, z = loop.start()
         try:
-            exec(self._tried, {"t": 0.0, "tau": tau, "dt": 0.0, "k": 0, "m": m, "R": [*self.rings],
-                               "check": check, **functions, **x, **z, **values})
+            self.tried(loop, tau, m)
         except Exception:
             return False
         return True
+
+
+def methods(loop: Any) -> tuple[str, ...]:
+    """Return the integration methods for a loop, its default first.
+
+    A linear plant of python-control (`interop.from_control`) has ``"exact"``, which is its default.
+    """
+    return ("exact", *METHODS) if hasattr(loop.stages["plant"], "A") else tuple(METHODS)
 
 
 def parts(b: Any) -> list[Block]:
@@ -267,7 +293,15 @@ def _texts(p: Program, segment: str) -> list[str]:
 
 
 def _loaded(p: Program) -> list[str]:
-    return [f"{q} = {CAST[p.kinds[q]].format(f'P[{i}]')}" for i, q in enumerate(p.params)]
+    return [*(f"{q} = {CAST[p.kinds[q]].format(f'P[{i}]')}" for i, q in enumerate(p.params)),
+            *(f"{q} = P[{i}]" for i, q in enumerate(p.exact, len(p.params))),
+            *(first(p.rings[:i]) for i in range(len(p.rings)))]
+
+
+def first(rings: Sequence[tuple[str, float]]) -> str:
+    """Return the line that says where the ring after these begins."""
+    n = len(rings)
+    return f"first_{n} = " + (f"first_{n - 1} + {rings[-1][0]}" if n else "0")
 
 
 def _segments(p: Program, branches: bool) -> dict[str, list[str]]:

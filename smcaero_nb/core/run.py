@@ -13,9 +13,11 @@ from typing import TYPE_CHECKING, Any, Literal, TextIO
 import numpy as np
 
 from .assumptions import doubts, perturbation
-from .leaves import Leaf, at, heads, named
+from .leaves import Leaf, at, heads, leaves_of, named
 from .metrics import Metrics, metrics
+from .param import refused
 from .program import Program
+from .signal import filled, shape
 from .stages import SIGNALS, STAGES
 
 if TYPE_CHECKING:
@@ -77,8 +79,10 @@ class Run:
         declared in its metadata [s].
     steps : int
         Number of steps taken.
-    tau : float
-        Sampling step [s].
+    tau, dt : float
+        Sampling step and integration step [s].
+    method : str
+        Integration method.
     """
 
     loop: "ClosedLoop"
@@ -118,6 +122,8 @@ class Run:
     diverged_at: float | None
     steps: int
     tau: float
+    dt: float
+    method: str
     _shapes: dict[str, Any]
 
     @functools.cached_property
@@ -158,13 +164,19 @@ class Run:
         -------
         str or None
             The text if no path is given.
+
+        Raises
+        ------
+        ParameterError
+            A path that is neither a path nor a file.
         """
         columns = {"t [s]": self.t}
         for signal in SIGNALS[1:]:
             for q in self._leaves.get(signal, ()):
                 columns[_titled(q.key, q.meta)] = at(getattr(self, signal), q.path)
         for name, meta in self.loop.stages["plant"].states.items():
-            columns[_titled(f"x.{name}", meta)] = getattr(self.x, name)
+            x = _columns(f"x.{name}", getattr(self.x, name))
+            columns |= {_titled(q, meta): v for q, v in x}
         columns |= dict([*_columns("z", self.z), *_columns("probe", self.probe)])
         made = io.StringIO()
         writer = csv.writer(made, lineterminator="\n")
@@ -175,6 +187,8 @@ class Run:
         if isinstance(path, (str, os.PathLike)):
             with open(path, "w", encoding="utf-8", newline="") as f:
                 f.write(made.getvalue())
+        elif not hasattr(path, "write"):
+            raise refused("Run.to_csv", "path", path, "a path or an open text file")
         else:
             path.write(made.getvalue())
         return None
@@ -205,11 +219,12 @@ def _columns(name: str, values: Any) -> Iterator[tuple[str, np.ndarray]]:
         yield name, values
 
 
-def _named(states: dict[str, Any], arrays: Any) -> types.SimpleNamespace:
-    """States by name, those of channels by channel and name."""
+def _named(b: Any, arrays: Any) -> types.SimpleNamespace:
+    """Recorded states of a block by name, those of channels by channel and name."""
+    if hasattr(b, "parts"):
+        return types.SimpleNamespace(**{n: _named(q, arrays) for n, q in b.parts.items()})
     return types.SimpleNamespace(**{
-        name: _named(v, arrays) if isinstance(v, dict) else next(arrays)
-        for name, v in states.items()})
+        n: filled(shape(b.values[n]), arrays) for n in b.states if n not in b.buffers})
 
 
 def _nested(names: Any, values: Callable[[str], Any], prefix: str = "") -> Any:
@@ -220,8 +235,8 @@ def _nested(names: Any, values: Callable[[str], Any], prefix: str = "") -> Any:
 
 
 def result(loop: "ClosedLoop", program: Program, rec: np.ndarray, end: dict[str, float],
-           before: dict[str, float], k: int, k_tail: int, dt: float, m: int, stopped: bool,
-           diverged: bool) -> Run:
+           before: dict[str, float], k: int, k_tail: int, dt: float, m: int, method: str,
+           stopped: bool, diverged: bool) -> Run:
     """Make a `Run` of the records, the figures at the end and the figures before the tail."""
     columns = dict(zip(program.columns, rec.T, strict=True))
     law = loop.stages["law"] is not None
@@ -244,10 +259,10 @@ def result(loop: "ClosedLoop", program: Program, rec: np.ndarray, end: dict[str,
     integral = signal("v", columns.__getitem__, "integral_") if law else None
     arrays = iter(columns[q] for q in (*program.x, *program.z))
     memory = [s for s, q in STAGES.items() if q.memory and s != "plant" and loop.stages[s]]
-    figures = {n: heads(program.leaves[n], v) for n, v in tails.items()}
+    figures = {n: heads(leaves_of(loop, program.shapes, n), v) for n, v in tails.items()}
     made = dict(
-        x=_named(loop.stages["plant"].states, arrays),
-        z=types.SimpleNamespace(**{s: _named(loop.stages[s].states, arrays) for s in memory}),
+        x=_named(loop.stages["plant"], arrays),
+        z=types.SimpleNamespace(**{s: _named(loop.stages[s], arrays) for s in memory}),
         probe=_probed(loop, program, columns), low=both("low"), high=both("high"),
         integral_v=integral, mean_e=mean("e", k), mean_u=mean("u", k),
         mean_v=mean("v", k//m + 1) if law else None,
@@ -261,7 +276,8 @@ def result(loop: "ClosedLoop", program: Program, rec: np.ndarray, end: dict[str,
     xi = None
     if law:
         xi = perturbation(loop.stages["law"], t, signals["sigma"], signals["v"], integral, tau)
-    return Run(loop=loop, t=t, tau=tau, steps=k, tail=max(k - k_tail, 0)*dt, xi=xi,
+    return Run(loop=loop, t=t, tau=tau, dt=dt, method=method, steps=k, xi=xi,
+               tail=max(k - k_tail, 0)*dt,
                ended="diverged" if diverged else "stopped" if stopped else "done",
                stopped_at=k*dt if stopped else None, diverged_at=k*dt if diverged else None,
                _shapes=program.shapes, **signals, **made)

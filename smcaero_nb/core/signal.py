@@ -8,6 +8,8 @@ import math
 from collections.abc import Callable, Iterator
 from typing import Any
 
+import numpy as np
+
 from .family import written
 
 try:
@@ -18,8 +20,8 @@ try:
 except ImportError:  # simulate(..., jit=False) needs no numba
     TUPLES, overload = (tuple,), None
 
-__all__ = ["filtered", "first", "flat", "leaves", "norm", "scaled", "shape", "sign", "solution",
-           "solved", "text"]
+__all__ = ["filled", "filtered", "first", "flat", "leaves", "norm", "scaled", "shape", "sign",
+           "size", "solution", "solved", "text", "tuples"]
 
 
 def sign(s: float) -> float:
@@ -42,9 +44,29 @@ def text(s: Any, names: Iterator[str]) -> str:
     return next(names) if s is None else "(" + "".join(text(v, names) + ", " for v in s) + ")"
 
 
+def filled(s: Any, values: Iterator) -> Any:
+    """Return a signal of shape `s` whose leaves `values` yields."""
+    return next(values) if s is None else tuple([filled(v, values) for v in s])
+
+
 def flat(s: Any) -> list:
     """Return the leaves of a signal."""
     return [q for v in s for q in flat(v)] if isinstance(s, tuple) else [s]
+
+
+def tuples(s: Any) -> Any:
+    """Return a signal with a tuple in place of each array that a block returned."""
+    if isinstance(s, np.ndarray) and s.ndim or isinstance(s, tuple):
+        return tuple(map(tuples, s))
+    return s
+
+
+def size(s: Any) -> str:
+    """Return a shape in words: a vector or a matrix."""
+    if s is None:
+        return "a number"
+    nested = next((v for v in s if v is not None), None)
+    return f"{len(s)} numbers" if nested is None else f"{len(s)} rows of {len(nested)}"
 
 
 def generated(args: str, body: Callable[..., str]) -> Callable:

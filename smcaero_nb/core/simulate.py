@@ -7,16 +7,29 @@ from typing import Any
 import numpy as np
 
 from .build import built
+from .exact import constants
 from .loop import ClosedLoop
-from .param import Param, ParameterError, chosen, function, given, positive, refused, switch
-from .program import METHODS, Program, paths
+from .param import (
+    Param,
+    ParameterError,
+    chosen,
+    function,
+    given,
+    listed,
+    positive,
+    refused,
+    switch,
+)
+from .program import Program, methods, paths
 from .run import Run, result
+from .signal import flat
 
 __all__ = ["simulate", "timed"]
 
 CHUNK = 0.02  # s of machine time between two looks at Ctrl-C, cancel and progress
 ROWS = 100_000_000  # maximum number of rows of a run
 MOST = 100_000  # maximum number of samples of a latency
+STEPS = 1e11  # maximum number of steps of a run
 
 
 def timed(owner: str, loop: Any, duration: Any, dt: Any, tau: Any) -> tuple[Any, float, float]:
@@ -30,10 +43,10 @@ def timed(owner: str, loop: Any, duration: Any, dt: Any, tau: Any) -> tuple[Any,
 
 
 def simulate(loop: ClosedLoop, duration: float | None = None, dt: float | None = None,
-             tau: float | None = None, *, method: str = "euler", record: int = 2000,
+             tau: float | None = None, *, method: str | None = None, record: int = 2000,
              since: float = 0.0, tail: float = 0.2, jit: bool = True,
              progress: Callable[[float], Any] | None = None) -> Run:
-    """Run a closed loop: the controller acts every `tau`, the plant is integrated with `dt`.
+    r"""Run a closed loop: the controller acts every `tau`, the plant is integrated with `dt`.
 
     Parameters
     ----------
@@ -41,8 +54,9 @@ def simulate(loop: ClosedLoop, duration: float | None = None, dt: float | None =
     duration, dt, tau : float
         Simulated time (to the nearest step), integration step, sampling step (a multiple of `dt`;
         default `dt`) [s]; default: the loop's own.
-    method : str
-        ``"euler"``, ``"midpoint"`` or ``"rk4"``.
+    method : str, optional
+        ``"euler"``, ``"midpoint"``, ``"rk4"``, or for plants of `interop.from_control` ``"exact"``.
+        Default: ``"exact"`` for these, ``"euler"`` for all others.
     record : int
         Approximate number of rows kept, at least 1; sums, maxima and variations use every step in
         any case.
@@ -74,6 +88,15 @@ def simulate(loop: ClosedLoop, duration: float | None = None, dt: float | None =
     -----
     Ctrl-C acts between two chunks of steps, about every 20 ms. The result does not
     depend on the chunks.
+
+    The exact step of x' = A x + B (u + d) is
+
+    .. math:: x(t + dt) = x + \int_0^{dt} e^{A s}\,ds\ \dot x
+
+    with u and d held. It has no error where the perturbation is constant over a step: without one,
+    with one that has memory, or with a constant. One that depends on t or x is taken at the middle
+    of the step, with an error of the order dt^2 in what it does; the motion of the plant itself
+    stays exact at any dt, however stiff or lightly damped.
     """
     duration, dt, tau = timed("simulate", loop, duration, dt, tau)
     if duration is None:
@@ -81,7 +104,7 @@ def simulate(loop: ClosedLoop, duration: float | None = None, dt: float | None =
             "simulate: duration [s] is not given, and the loop has none of its own")
     jit, progress = switch("simulate", "jit", jit), function("simulate", "progress", progress)
     m, n, lag = _steps(loop, duration, dt, tau)
-    chosen("simulate", "method", method, METHODS)
+    method = _method(loop, method)
     record = Param(low=1).check("simulate", "record", record, int)
     since = Param(low=0.0, high=duration, unit="s").check("simulate", "since", since)
     tail = Param(low=0.0, high=1.0).check("simulate", "tail", tail)
@@ -97,15 +120,28 @@ def simulate(loop: ClosedLoop, duration: float | None = None, dt: float | None =
     rec = np.empty((-(-(n - first)//every) + 1, len(program.columns)))
     rec, end, before, k, stopped, diverged = _driven(
         f, program, loop, rec, dt, m, n, every, first, k_tail, 1000 if jit else 20, progress)
-    return result(loop, program, rec, end, before, k, k_tail, dt, m, stopped, diverged)
+    return result(loop, program, rec, end, before, k, k_tail, dt, m, method, stopped, diverged)
+
+
+def _method(loop: ClosedLoop, method: str | None) -> str:
+    """The method asked for, otherwise the plant's own."""
+    allowed = methods(loop)
+    if isinstance(method, str) and method == "exact" and method not in allowed:
+        raise ParameterError(
+            "simulate: method = 'exact' is not allowed for plant "
+            f"'{loop.stages['plant'].name}'; it is for linear plants made by interop.from_control. "
+            f"It must be {listed(allowed)}")
+    return chosen("simulate", "method", allowed[0] if method is None else method, allowed)
 
 
 def _steps(loop: ClosedLoop, duration: float, dt: float, tau: float) -> tuple[int, int, int]:
     """Check times against one another; return the steps per sample, run and latency."""
     longest = max(tau, duration, loop.latency)
-    if not longest/dt < 1e15:
-        raise ParameterError(f"simulate: dt = {dt:g} s is not allowed; {longest:g} s must "
-                             "take less than 1e15 steps")
+    if not longest/dt <= STEPS:
+        raise ParameterError(f"simulate: dt = {dt:g} s is not allowed; {longest:g} s would take "
+                             f"{longest/dt:.3g} steps; at most {STEPS:g}, half an hour of "
+                             "computing or so, are allowed; give a larger dt or a shorter "
+                             "duration")
     m, n, lag = round(tau/dt), round(duration/dt), round(loop.latency/dt)
     if m < 1 or abs(m*dt - tau) > 1e-9*tau:
         raise ParameterError(f"simulate: tau = {tau:g} s is not allowed; it must be a multiple of "
@@ -121,10 +157,11 @@ def _steps(loop: ClosedLoop, duration: float, dt: float, tau: float) -> tuple[in
                              f"least tau = {tau:g} s")
     for path, block in (q for stage, b in loop.stages.items() for q in paths(stage, b)):
         for name, meta in block.params.items():
-            count = block.values[name]/tau if meta.samples else 1.0
-            if not 0.5 < count < 1e15 or abs(count - round(count)) >= 1e-9*count:
-                raise ParameterError(f"simulate: {path}__{name} = {block.values[name]:g} s is not "
-                                     f"allowed; it must be a multiple of tau = {tau:g} s")
+            for v in flat(block.values[name]) if meta.samples else ():
+                count = v/tau
+                if not 0.5 < count < 1e15 or abs(count - round(count)) >= 1e-9*count:
+                    raise ParameterError(f"simulate: {path}__{name} = {v:g} s is not allowed; it "
+                                         f"must be a multiple of tau = {tau:g} s")
     return m, n, lag
 
 
@@ -132,10 +169,11 @@ def _driven(f: Callable, program: Program, loop: ClosedLoop, rec: np.ndarray, dt
             n: int, every: int, row: int, k_tail: int, chunk: int,
             progress: Callable | None) -> tuple:
     """Run a loop in chunks; return records, figures at the end and before the tail, and the end."""
-    P = np.array([v for p in loop.p.values() for v in p], float)
+    values = {q: v for q, (_, v, _) in loop.parameters().items()}
+    P = np.array([*values.values(), *constants(program, loop, dt)], float)
     x, z = loop.start()
     S = np.array([*(program.state | x | z).values()])
-    R, names = np.array(program.rings, float), [*program.state]
+    R, names = np.array(program.ring(values), float), [*program.state]
     peaks = [i for i, q in enumerate(program.state) if q.startswith("max_")]
     before = dict.fromkeys(names, 0.0)
     k = sample = line = 0

@@ -1,6 +1,5 @@
 """Writes the program of a loop, trying each line at t = 0 to find the shapes of the signals."""
 
-import re
 import zlib
 from typing import Any
 
@@ -8,11 +7,10 @@ from .block import Block, BlockError, Channels
 from .chain import Chain
 from .checks import check, kind, place, way_out
 from .content import draws
-from .expressions import error, limits, local, zero
-from .leaves import named
+from .expressions import error, limits, local, nested, zero
 from .param import listed, said
-from .program import LIMIT, METERS, METHODS, Program, line, parts, paths
-from .signal import leaves, shape, text
+from .program import LIMIT, METERS, METHODS, Program, first, line, parts
+from .signal import leaves, shape, text, tuples
 from .stages import OWN, SAMPLED, SIGNALS, STAGES
 
 __all__ = ["asking", "inputs", "written"]
@@ -48,15 +46,17 @@ class _Writer:
 
     def __init__(self, loop: Any, method: str, tau: float, m: int, lag: int):
         self.loop, self.stages, self.m, self.lag = loop, loop.stages, m, lag
-        self.functions, self.places, self.shapes, self.trial = {}, {}, {}, []
-        self.params = {f"p_{s}_{i}": v for s, p in loop.p.items() for i, v in enumerate(p)}
+        self.places, self.shapes, self.trial = {}, {}, []
+        self.params = {q: v for q, (_, v, _) in loop.parameters().items()}
         x, z = loop.start()
         self.x, self.z, self.rings = tuple(x), tuple(z), []
+        self.exact: list[str] = []  # entries of the matrices of an exact step
         self.between = {}  # what the next block of a chain sees in place of a signal
-        self.shapes["x"] = (None,)*len(x)
+        self.shown = {}  # its name in messages
+        self.shapes["x"] = shape(self.stages["plant"].z0)
         self.start = {**x, **z}
-        self.values = {"t": 0.0, "tau": tau, "dt": 0.0, "k": 0, "m": m, "R": self.rings,
-                       "float": float, **self.params, **self.start}
+        self.values = {"t": 0.0, "tau": tau, "dt": 0.0, "k": 0, "m": m, "R": [], "float": float,
+                       **self.params, **self.start}
         self.held_world = [s for s in ("reference", "perturbation")
                            if any(b.states for b in parts(self.stages[s]))]
         self.command = "c" if lag else "u"  # the output of the control; u is what acts
@@ -77,7 +77,8 @@ class _Writer:
             made["act"] = self.written(self.act)
         held = early or "perturbation" in self.held_world
         made["disturb"] = [] if held else self.written(self.stage, "perturbation", "d")
-        made["advance"] = self.written(self.advance, METHODS[method])
+        made["advance"] = (self.written(self.advance_exactly) if method == "exact" else
+                           self.written(self.advance, METHODS[method]))
         if (asked or self.lag) and self.shapes["u"] != taken:
             who = asked[0] if asked else "latency"
             count = len(taken) if taken else "one number"
@@ -89,7 +90,8 @@ class _Writer:
 
     def count(self):
         """The number of the sample, if a block or a ring asks for it."""
-        if self.lag or any("k" in b.signals for q in self.stages.values() for b in parts(q)):
+        blocks = [b for q in self.stages.values() for b in parts(q)]
+        if self.lag or any("k" in b.signals or b.buffers for b in blocks):
             self.write("count = k//m")
 
     def hold(self):
@@ -103,7 +105,7 @@ class _Writer:
         """Reference, output and error; before them the perturbation, if the output asks for it."""
         if early and "perturbation" not in self.held_world:
             self.stage("perturbation", "d")
-        if self.stages["output"] or len(self.x) > 1:
+        if self.stages["output"] or self.shapes["x"] != (None,):
             self.stage("output", "y", "x")
         else:
             self.assign("y", "x_0")
@@ -118,6 +120,13 @@ class _Writer:
         try:
             self.assign(gives, error(self.shapes["r"], self.shapes[of], name=of))
         except (BlockError, TypeError, IndexError) as why:
+            if of == "y_m":
+                raise BlockError(
+                    f"sensor '{self.stages['sensor'].name}' gives y_m = "
+                    f"{said(self.values_of(of))} ({kind(self.values_of(of))}), which does not fit "
+                    f"r = {said(self.values_of('r'))} ({kind(self.values_of('r'))}) in e = r - "
+                    f"y_m, as y = {said(self.values_of('y'))} does; let it give as many numbers "
+                    "as y has, or the reference fewer") from None
             told = f": {why}" if isinstance(why, BlockError) and "fails at" not in str(why) else ""
             raise BlockError(f"reference and output do not fit: e = r - {of} with "
                              f"r = {said(self.values_of('r'))}, "
@@ -144,13 +153,22 @@ class _Writer:
         names = [local("c", q) for q in leaves(self.shapes["c"])]
         size = -(-self.lag//self.m) + 1
         if write:
-            self.rings += [0.0]*(size*len(names))
+            self.late = self.ringed(str(size*len(names)), 0.0)
         else:
             self.shapes["u"] = self.shapes["c"]
         at = f"count%{size}*{len(names)}" if write else f"(k - {self.lag})//m%{size}*{len(names)}"
         for i, q in enumerate(names):
-            where = f"R[{at} + {i}]"
+            where = f"R[{self.late} + {at} + {i}]"
             self.write(f"{where} = {q}" if write else f"u{q[1:]} = {where}")
+
+    def ringed(self, size, start):
+        """Add a ring to R; return the variable that says where it begins."""
+        source = first(self.rings)
+        exec(source, self.values)
+        self.trial.append(source)
+        self.rings.append((size, start))
+        self.values["R"] += [start]*eval(size, self.values)
+        return source.partition(" ")[0]
 
     def act(self):
         """The control that is due now."""
@@ -158,22 +176,49 @@ class _Writer:
 
     def advance(self, nodes):
         """One Runge-Kutta step of the plant; u is held, a perturbation without memory is not."""
-        n = range(len(self.x))
+        entries = leaves(self.shapes["x"])
         for j, (c, _) in enumerate(nodes):
             alias = {}
             if j:
                 alias = {"t": "t_node", "x": "h"}
                 self.write(f"t_node = t + {c!r}*dt")
-                for i in n:
-                    self.write(f"h_{i} = x_{i} + {c!r}*dt*rate_{j - 1}[{i}]")
+                for q in entries:
+                    x, h = local("x", q), local("h", q)
+                    self.write(f"{h} = {x} + {c!r}*dt*rate_{j - 1}{q}")
                 if "perturbation" not in self.held_world:
                     self.stage("perturbation", "d", alias=alias)
             self.write(f"rate_{j} = {self.call('plant', alias)}")
-        for i in n:
-            terms = [f"{w!r}*rate_{j}[{i}]" if w != 1.0 else f"rate_{j}[{i}]"
+        for q in entries:
+            terms = [f"{w!r}*rate_{j}{q}" if w != 1.0 else f"rate_{j}{q}"
                      for j, (_, w) in enumerate(nodes) if w]
             rate = f"({' + '.join(terms)})" if len(terms) > 1 else terms[0]
-            self.write(f"x_{i} = x_{i} + dt*{rate}")
+            x = local("x", q)
+            self.write(f"{x} = {x} + dt*{rate}")
+
+    def advance_exactly(self):
+        """One exact step of a linear plant: x + F dx/dt, F the integral of exp(A s) over the step.
+
+        A perturbation without memory that moves is taken at the middle of the step.
+        """
+        n = range(len(self.x))
+
+        def moved(name, matrix, j):
+            made = [[f"{matrix}_{i}_{k}" for k in n] for i in n]
+            self.exact += [q for row in made for q in row]
+            self.values.update(dict.fromkeys(self.exact, 0.0))
+            for i, row in zip(n, made, strict=True):
+                terms = " + ".join(f"{q}*rate_{j}[{k}]" for k, q in enumerate(row))
+                self.write(f"{name}_{i} = x_{i} + ({terms})")
+
+        self.write(f"rate_0 = {self.call('plant', {})}")
+        blocks = parts(self.stages["perturbation"])
+        moves = "perturbation" not in self.held_world and any(b.signals for b in blocks)
+        if moves:
+            self.write("t_node = t + 0.5*dt")
+            moved("h", "half", 0)
+            self.stage("perturbation", "d", alias={"t": "t_node", "x": "h"})
+            self.write(f"rate_1 = {self.call('plant', {})}")
+        moved("x", "whole", int(moves))
 
     # ---- lines -----------------------------------------------------------------------------
     def written(self, write, *args):
@@ -183,15 +228,19 @@ class _Writer:
         return self.lines
 
     def write(self, source, where="", given=()):
-        """Append a line and try it; an error names the block, its line and its arguments."""
+        """Append a line and try it; an error names the block, its line and its arguments.
+
+        `given` has (name, name of the signal, text) of each argument.
+        """
         try:
             exec(source, self.values)
         except Exception as why:
-            shapes = {n: self.values_of(n) for n in given if n in self.shapes}
-            told = ", ".join(f"{n} = {said(v)} ({kind(v)})" for n, v in shapes.items())
+            values = {n: eval(q, self.values) for n, s, q in given if s in self.shapes}
+            names = {n: n if s == n else f"{n} = {self.shown.get(s, s)}" for n, s, _ in given}
+            told = ", ".join(f"{names[n]} = {said(v)} ({kind(v)})" for n, v in values.items())
             told = f" It was given {told}" if told else ""
             raise BlockError(f"{where} fails at t = 0{place(why)}: {type(why).__name__}: {why}."
-                             + told + way_out(why, shapes)) from why
+                             + told + way_out(why, values)) from why
         self.lines.append(source)
         self.trial.append(source)
 
@@ -208,7 +257,7 @@ class _Writer:
     def assign(self, name, source):
         """Set the leaves of a signal from the text of an expression."""
         self.write(f"out = {source}")
-        self.shapes[name] = shape(self.values["out"])
+        self.shapes[name] = shape(tuples(self.values["out"]))
         for q in leaves(self.shapes[name]):
             self.write(f"{local(name, q)} = float(out{q})")
 
@@ -255,7 +304,7 @@ class _Writer:
         for name, part in first:
             between = f"{stage}_{self.numbers['part']}"
             self.assign(between, self.block(stage, part, f"{path}__{name}", None, alias))
-            self.between[passes] = between
+            self.between[passes], self.shown[between] = between, f"{path}__{name}"
         result = self.block(stage, last, f"{path}__{end}", None, alias)
         self.between.clear()
         return result
@@ -274,10 +323,11 @@ class _Writer:
         """Call one block; return the text of its output."""
         where, numbers = f"{stage} '{b.name}'", self.numbers
         mark = f"_{numbers['part']}"*hasattr(self.stages[stage], "parts")
-        name = re.sub(r"\W", "_", f"{stage}_{b.name}") + mark
+        name = f"f_{stage}{mark}"  # not the block's: loops that differ in names share a program
         states = self.memory(stage, b, where)
         asked = [self.seen(stage, n) for n in b.signals]
-        own = {"z": "(" + "".join(f"{q}, " for q in states) + ")", "tau": "tau",
+        memory = "".join(f"{nested(q, s)}, " for q, s, _ in states)
+        own = {"z": f"({memory})", "tau": "tau",
                "t": alias.get("t", "t"), "k": "count", "salt": str(zlib.crc32(path.encode()))}
         try:
             args = [own.get(n) or self.text(n, channel if n != "x" else None, alias.get(n))
@@ -286,26 +336,35 @@ class _Writer:
             told = (f"{n} = {said(self.values_of(n))}" for n in asked if n in self.shapes)
             raise BlockError(f"{where}: a signal it asks for has no channel {channel}: "
                              + ", ".join(told)) from None
-        args += [f"p_{stage}_{numbers['p'] + j}" for j in range(len(b.params))]
-        if name not in self.functions and (source := draws(b.f)):
+        given = [*zip(b.signals, asked, args, strict=True)]
+        args += [nested(f"p_{stage}_{numbers['p'] + j}", shape(b.values[n]))
+                 for j, n in enumerate(b.params)]
+        if name not in self.places and (source := draws(b.f)):
             raise BlockError(f"{where} draws random numbers with {source}, so its runs differ; "
                              "draw them once (noise = "
                              "np.random.default_rng(1).standard_normal(1000)) and read noise[...] "
                              "in the block")
-        self.functions[name], self.places[name] = (b.f, where), (stage, numbers["part"])
-        self.values[name] = b.f
+        self.places[name], self.values[name] = (stage, numbers["part"]), b.f
         result = f"out_{stage}{mark}"
-        self.write(f"{result} = {name}({', '.join(args)})", where, asked)
-        check(where, self.values[result], tuple(b.states), stage)
-        self.trial.append(f"check({where!r}, {result}, {tuple(b.states)!r}, {stage!r})")
-        for j, q in enumerate(states):
-            self.write(f"{q} = float({result}[1][{j}])")
+        for q, _, at in states:
+            if at:
+                self.write(f"{q} = {at}")
+        self.write(f"{result} = {name}({', '.join(args)})", where, given)
+        shapes = {n: None if n in b.buffers else shape(b.values[n]) for n in b.states}
+        check(where, self.values[result], shapes, stage)
+        self.trial.append(f"check({stage!r}, {result}, {shapes!r}, {stage!r})")
+        for j, (z, s, at) in enumerate(states):
+            for q in leaves(s):
+                self.write(f"{at or local(z, q)} = float({result}[1][{j}]{q})")
         numbers["part"], numbers["p"] = numbers["part"] + 1, numbers["p"] + len(b.params)
         numbers["z"] += len(b.states)
         return f"{result}[0]" if states else result
 
     def memory(self, stage, b, where):
-        """The variables of a block's states; it may ask only for what its stage offers."""
+        """Variable, shape and, of a buffer, place in R of a block's states.
+
+        It may ask only for what its stage offers.
+        """
         s = STAGES[stage]
         memory = s.memory and stage != "plant"
         offered = s.asks + OWN*(memory and (s.when == "tau" or bool(b.states)))
@@ -317,8 +376,16 @@ class _Writer:
         if b.states and stage != "plant" and not (memory and "z" in b.signals):
             raise BlockError(f"{where} names a state ({listed(b.states)}), but "
                              + ("does not ask for z" if memory else "this stage has no memory"))
-        first = self.numbers["z"]
-        return [f"z_{stage}_{first + j}" for j in range(len(b.states))] if memory else []
+        if b.buffers and not memory:
+            raise BlockError(f"{where}: the state {listed(b.buffers)} is a Buffer, and a plant "
+                             "integrates its states; remember samples in a stage that has memory")
+        made = []
+        for j, n in enumerate(b.states if memory else ()):
+            z, at = f"z_{stage}_{self.numbers['z'] + j}", ""
+            if n in b.buffers:
+                at = f"R[{self.ringed(f'n_{z}', b.buffers[n])} + count%n_{z}]"
+            made.append((z, shape(b.values[n]), at))
+        return made
 
 
 def written(loop: Any, method: str, tau: float, m: int, lag: int = 0) -> Program:
@@ -328,7 +395,7 @@ def written(loop: Any, method: str, tau: float, m: int, lag: int = 0) -> Program
     ----------
     loop : ClosedLoop
     method : str
-        Integration method, one of `METHODS`.
+        Integration method, one of `program.methods`.
     tau : float
         Sampling step [s].
     m : int
@@ -350,27 +417,26 @@ def written(loop: Any, method: str, tau: float, m: int, lag: int = 0) -> Program
     held += [q for s in w.held_world for q in names[STAGES[s].gives]]
     held += [q for s in ("e_m",) if s in names for q in names[s]]
     watched = names["sigma"] + names["u"]
-    state = dict.fromkeys([*w.x, *w.z, *dict.fromkeys(held)], 0.0) | w.start
+    state = dict.fromkeys([*w.x, *w.z, *held], 0.0)
     state |= {f"{meter.name}_{q}": meter.start for meter, q in meters}
     columns = ["t", *(q for s in recorded for q in names[s]), *w.x, *w.z,
                *(f"{b}_{q}" for q in watched for b in ("low", "high")),
                *(f"integral_{q}" for q in names["v"] if law), *names.get("probe", [])]
     bounds = limits("y", w.shapes["y"], loop.metadata("y"))
-    bounds += [q for n, meta in zip(w.x, loop.stages["plant"].states.values(), strict=True)
-               for q in limits(n, None, meta)]
+    bounds += [q for i, meta in enumerate(loop.stages["plant"].states.values())
+               for path in leaves(w.shapes["x"][i])
+               for q in limits(local(f"x_{i}", path), None, meta)]
     seen = [*(names["e_hat"] if loop.stages["differentiator"] else []), *names.get("y_m", [])]
     # a NaN in these ends the run unrecorded
     driven = dict.fromkeys([*seen, *names["sigma"], *names["v"], *names[w.command], *w.z])
     every = [*w.x, *names["e"], *names["d"]]
-    full = [f"{path}__{n}" for s, b in loop.stages.items() for path, p in paths(s, b)
-            for n in p.params]
-    kinds = [k for b in loop.stages.values() if b for k in b.kinds.values()]
+    params = loop.parameters()
     return Program(
         segments={n: tuple(map(line, q)) for n, q in w.segments.items()},
-        functions=w.functions, places=w.places, params=dict(zip(w.params, full, strict=True)),
+        places=w.places, params={q: name for q, (name, _, _) in params.items()},
+        kinds={q: kind for q, (_, _, kind) in params.items()},
         x=w.x, z=w.z, held=tuple(dict.fromkeys(held)), shapes=w.shapes,
-        leaves=named(loop, w.shapes), meters=tuple(meters), state=state, columns=tuple(columns),
+        meters=tuple(meters), state=state, columns=tuple(columns),
         inside=" and ".join([f"{' + '.join(f'abs({q})' for q in every)} <= {LIMIT!r}", *bounds]),
         driven=f"{' + '.join(f'abs({q})' for q in driven)} <= {LIMIT!r}",
-        rings=tuple(w.rings), lag=lag,
-        kinds=dict(zip(w.params, kinds, strict=True)), trial=tuple(w.trial), values=w.values)
+        rings=tuple(w.rings), lag=lag, trial=tuple(w.trial), exact=tuple(w.exact))

@@ -10,13 +10,13 @@ from ..core.card import Differentiator
 from ..core.family import family, written
 from ..core.param import chosen
 from ..core.signal import first, generated, leaves, text
-from ..sources import KODE, LEVANT_2003, LEVANT_2020, LIVNE_2014
+from ..sources import KOCH_2020, KODE, LEVANT_2003, LEVANT_2020, LIVNE_2014
 from .coefficients import LAMBDA
 from .methods import METHODS, newton
 
 __all__ = ["differentiator"]
 
-LIMIT = 7  # highest order that float64 serves
+LIMIT = 7  # highest order that float64 can resolve
 LOW = 1e-200  # of L in any unit; with less, its products with powers of tau would underflow
 
 
@@ -63,8 +63,7 @@ DOC = r"""Robust exact differentiator of {of}, {method}, n_d = {n_d}, n_f = {n_f
 
     References
     ----------
-    Paper eqs (41)-(43). A. Levant and M. Livne, European J. Control (2019), doi
-    10.1016/j.ejcon.2019.08.006.
+    Paper eqs (41)-(43). A. Levant and M. Livne, European J. Control 55 (2020) 33.
     """
 
 
@@ -111,7 +110,7 @@ def memory(n_d, unit):
     return {**z, "started": (0.0, started)}
 
 
-@family(card=Differentiator(source=(KODE, LEVANT_2003, LIVNE_2014, LEVANT_2020)))
+@family(card=Differentiator(source=(KODE, LEVANT_2003, LIVNE_2014, LEVANT_2020, KOCH_2020)))
 def differentiator(n_d: int, n_f: int = 0, method: str = "levant", of: str = "e") -> Block:
     r"""Levant's robust exact differentiator of a sampled signal, with or without a filter.
 
@@ -126,7 +125,7 @@ def differentiator(n_d: int, n_f: int = 0, method: str = "levant", of: str = "e"
     Parameters
     ----------
     n_d : int
-        Highest derivative that it gives.
+        Order of the highest derivative estimated.
     n_f : int
         Order of the filter; n_d + n_f is 12 at most.
     method : str
@@ -152,31 +151,31 @@ def differentiator(n_d: int, n_f: int = 0, method: str = "levant", of: str = "e"
     Warns
     -----
     UserWarning
-        n_d + n_f > 7: more than float64 can serve.
+        n_d + n_f > 7: more than float64 can resolve.
 
     Notes
     -----
     L must bound :math:`|f^{(n_d+1)}|`. Then, after a finite time, the order of
     :math:`|z_i - f^{(i)}|` is
     :math:`\tau^{n_d+1-i}` without noise, and :math:`\varepsilon^{(n_d+1-i)/(n_d+1)}` with noise of
-    size eps and small tau: no differentiator does better. Larger L than needed costs accuracy in
-    noise, smaller L loses f. A filter, n_f > 0, takes away noise that is large but fast, whose
-    iterated integral is small.
+    size eps and small tau: no differentiator does better. An L larger than needed costs accuracy in
+    noise, a smaller one loses f. A filter, n_f > 0, removes noise that may be large but is so fast
+    that its iterated integral is small.
 
     In a loop L has to cover what the control does: with a law of relative degree n_d + 1, the bound
     of the perturbation plus that of v, also on the way to sigma = 0. The law then keeps its order
     of accuracy.
 
-    From exact values `levant` follows a polynomial of degree n_d or less without an error, but the
-    least rounding, of however many digits, starts a limit cycle of up to 4, 10, 70, 3400 times
+    From exact values `levant` follows a polynomial of degree n_d or less without an error, but any
+    rounding, however small, starts a limit cycle of up to 4, 10, 70, 3400 times
     :math:`L\tau^{n_d+1-i}` for n_d = 2, 3, 4, 5; `implicit` and `matching` have none.
 
     Euler's steps lose the order: z_1, z_2, ... have errors of the order tau, such as tau z_2/2 in
     z_1.
 
-    Float64 ends the accuracy: with smaller tau z_i gets no better than
-    :math:`10^{-16(n+1-i)/(n+1)}` times the signal. Of order 5 the highest derivative stays near
-    1e-2, of order 12 it is worse than the signal at any tau.
+    Float64 limits the accuracy: however small tau is, the error of z_i stays above
+    :math:`10^{-16(n+1-i)/(n+1)}` times the signal. With order 5 that of the highest derivative
+    stays near 1e-2, with order 12 it exceeds the signal at any tau.
 
     Errata: (41) prints 3 for lambda_2; the row of n = 2 ends with 2. As L bounds the derivative of
     order n_d + 1, what is Lipschitz is the n_d-th: the second in (41), not the third; the third in
@@ -189,10 +188,10 @@ def differentiator(n_d: int, n_f: int = 0, method: str = "levant", of: str = "e"
 
     References
     ----------
-    Paper eqs (41)-(43). A. Levant, Int. J. Control 76 (2003) 924. M. Livne and A. Levant,
-    Automatica 50 (2014). A. Levant and M. Livne, European J. Control (2019), doi
-    10.1016/j.ejcon.2019.08.006. R. Seeber, arXiv 2404.02770. Graz University of Technology, Robust
-    Exact Differentiator toolbox.
+    Paper eqs (41)-(43). A. Levant, Int. J. Control 76 (2003) 924. `levant`: M. Livne and A. Levant,
+    Automatica 50 (2014) 2007. Filter: A. Levant and M. Livne, European J. Control 55 (2020) 33.
+    `implicit`: after R. Seeber, arXiv 2404.02770. `matching`: S. Koch, M. Reichhartinger, M. Horn
+    and L. Fridman, IEEE Trans. Automatic Control 65 (2020) 757.
 
     Examples
     --------
@@ -201,8 +200,8 @@ def differentiator(n_d: int, n_f: int = 0, method: str = "levant", of: str = "e"
     """
     n_d, n_f = orders("differentiator", n_d, n_f)
     if n_d + n_f > LIMIT:
-        warnings.warn(f"differentiator: n_d + n_f = {n_d + n_f} is more than float64 serves: above "
-                      f"{LIMIT} rounding keeps the highest derivatives from any accuracy",
+        warnings.warn(f"differentiator: n_d + n_f = {n_d + n_f} is more than float64 can resolve: "
+                      f"above {LIMIT} rounding spoils the highest derivatives",
                       UserWarning, stacklevel=3)
     return _made(n_d, n_f, chosen("differentiator", "method", method, METHODS),
                  chosen("differentiator", "of", of, ("e", "y")))
@@ -224,7 +223,7 @@ def _made(n_d, n_f, method, of):
     name = f"{method}_{n_d}" + f"_{n_f}"*(n_f > 0)
     bound = Param("L", per(f"[{of}]", order), low=LOW, log=True, slider=(1e-2, 1e4),
                   help=f"bound of the derivative of order {order} of {of}"
-                  + "; more than float64 serves"*(n_d + n_f > LIMIT))
+                  + "; more than float64 can resolve"*(n_d + n_f > LIMIT))
     names = dict(math=math, first=first, error=error, B=Annotated[float, bound], __name__=__name__)
     names["newton"] = written("newton", "c", newton(n_d + n_f), names)
     estimates = f"error(r, {out})" if of == "y" else out

@@ -98,7 +98,7 @@ class Trial:
     def __str__(self) -> str:
         if self.truth is None:
             return f"{len(self.t)} samples, L = {self.L:.3g}"
-        return f"L = {self.L:.3g}; greatest errors in the second half: " + ", ".join(
+        return f"L = {self.L:.3g}; maximum errors in the second half: " + ", ".join(
             f"|z_{i} - f^({i})| {e:.2g}" for i, e in enumerate(self.errors))
 
 

@@ -41,14 +41,13 @@ def lipschitz(t: ArrayLike, f: ArrayLike, n_d: int) -> float:
     Notes
     -----
     :math:`S_m` is the largest difference of order n_d + 1 over m samples each, divided by its step.
-    Noise makes it fall by
-    :math:`2^{n_d+1}` when m doubles; the derivative of f leaves it as it is. Where the fall is less
-    than half of that, on the logarithmic scale, the derivative stands out, and twice its size is
-    the bound. It copes with white noise of unknown size and with rounding; with n_d above 3 it may
-    be too small by a factor of 3 or so in noise. A part of f that is smaller than the noise is
-    lost, and a tone is no noise. L is at least what rounding may hide: the machine epsilon times
-    the greatest :math:`|f|` (of f = 0: times 1), over the length of the record to the power n_d +
-    1.
+    Noise makes it fall by :math:`2^{n_d+1}` when m doubles; the derivative of f leaves it as it is.
+    Where the fall is less than half of that, on the logarithmic scale, the derivative stands out,
+    and twice its size is the bound. It copes with white noise of unknown size and with rounding;
+    with n_d above 3 it may be too small by a factor of 3 or so in noise. A part of f that is
+    smaller than the noise is lost, and a tone does not count as noise. L is at least what rounding
+    may hide: the machine epsilon times the maximum :math:`|f|` (of f = 0: times 1), over the length
+    of the record to the power n_d + 1.
 
     References
     ----------

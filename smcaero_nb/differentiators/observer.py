@@ -6,6 +6,7 @@ from typing import Annotated
 from ..core import Block, Param, block
 from ..core.card import Allocation
 from ..core.family import family
+from ..core.param import relative_degree
 from ..sources import KODE, LEVANT_2003
 from .differentiator import LOW, differentiator, equation, memory
 
@@ -100,7 +101,7 @@ def observer(r: int) -> Block:
     ``ClosedLoop(plant, differentiator=differentiator(2), law=quasi_continuous(3),
     allocation=observer(3), ...)``
     """
-    return _made(Param(low=1, high=6).check("observer", "r", r, int))
+    return _made(relative_degree("observer", r, 6))
 
 
 @functools.cache

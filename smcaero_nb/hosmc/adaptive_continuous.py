@@ -27,13 +27,13 @@ STATE = dict(
     r=(0.0, Param("r(0)", "[v]/s^2", low=0.0, slider=(0.0, 10.0),
                   help="rate of L beyond r_0 to start with")))
 SETTINGS = dict(
-    l_0=(0.2, Param("l_0", "[v]/s", low=1e-6, log=True, help="least L", slider=(1e-3, 10.0))),
+    l_0=(0.2, Param("l_0", "[v]/s", low=1e-6, log=True, help="minimum L", slider=(1e-3, 10.0))),
     beta_0=(1.1, Param(r"\beta_0", "1", low=1.001, help="beta = beta_0 L", slider=(1.001, 1.2))),
     alpha=(0.8, Param(r"\alpha", "1", low=0.01, high=1.0, slider=(0.1, 0.83),
                       help="safety factor, less than 1/beta_0")),
     eps=(0.2, Param(r"\varepsilon", "[v]/s", low=0.0, help="safety margin of L",
                     slider=(0.0, 1.0))),
-    r_0=(0.5, Param("r_0", "[v]/s^2", low=0.0, help="least rate of L", slider=(0.0, 10.0))),
+    r_0=(0.5, Param("r_0", "[v]/s^2", low=0.0, help="minimum rate of L", slider=(0.0, 10.0))),
     gamma=(4.0, Param(r"\gamma", "1/s^2", low=0.0, help="growth of the rate of L",
                       slider=(0.0, 20.0))),
     delta_0=(0.05, Param(r"\delta_0", "[v]/s", low=1e-6, log=True, slider=(1e-3, 1.0),
@@ -104,7 +104,7 @@ DOC = r"""Adaptive continuous sliding mode control, relative degree {r}.
         :math:`\alpha_{r}` [1], power of the highest derivative: less than 1 converges in finite
         time.
     l_0 : float
-        Least L [v]/s.
+        Minimum L [v]/s.
     beta_0 : float
         :math:`\beta/L` [1], larger than 1.
     alpha : float
@@ -112,14 +112,14 @@ DOC = r"""Adaptive continuous sliding mode control, relative degree {r}.
     eps : float
         Safety margin of L [v]/s, larger than 0 where l_0 is small.
     r_0 : float
-        Least rate of L [v]/s^2.
+        Minimum rate of L [v]/s^2.
     gamma : float
         Growth of the rate of L [1/s^2]; 0 keeps it at r_0.
     delta_0 : float
         Accepted error of L [v]/s.
     tau_f : float
-        Time constant that filters the equivalent control [s]: ten times tau or more, and longer
-        than the limit cycle that an actuator leaves.
+        Time constant of the filter of the equivalent control [s]: ten times tau or more, and longer
+        than the period of the limit cycle that an actuator causes.
 
     Returns
     -------

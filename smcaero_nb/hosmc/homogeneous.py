@@ -14,6 +14,7 @@ from ..core import Block, Param, block
 from ..core.assumptions import MARGIN
 from ..core.card import Law
 from ..core.family import written
+from ..core.param import relative_degree
 
 __all__ = ["law", "order", "power", "ratio"]
 
@@ -38,7 +39,12 @@ def ratio(n, d):
 
 def order(owner, r, low, high):
     """Return the relative degree `r` if it is from `low` to `high`, else raise `ParameterError`."""
-    return Param(low=low, high=high).check(owner, "r", r, int)
+    return relative_degree(owner, r, high, low)
+
+
+def relayed(values, a, omega):
+    """Describing function for relative degree 1, where all of these laws are the relay."""
+    return 4.0*values["alpha"]*values["L"]*values["lam"]/(math.pi*a)
 
 
 DOC = r"""{title}, relative degree {r}.
@@ -105,4 +111,6 @@ def law(name: str, r: int, psi: Callable, alpha: float, card: Law, said: str = "
                 return f"|xi| reaches {xi:.3g}, more than {what} = {factor*bound:.3g} [v]"
 
     sees = "derivatives" if r > 1 else "sigma"
-    return block(f, output=Param("v"), card=replace(card, order=r, r=r, sees=sees, assumes=assumed))
+    return block(f, output=Param("v"),
+                 card=replace(card, order=r, r=r, sees=sees, assumes=assumed,
+                              describing=relayed if r == 1 else card.describing))

@@ -1,4 +1,4 @@
-"""Continuous control by a relative degree raised by one: v is the derivative of the control."""
+"""Continuous control by raising the relative degree by one: v is the derivative of the control."""
 
 from typing import Annotated
 
@@ -18,7 +18,7 @@ INTEGRAL = Param(r"\int v", "[v] s", help="integral to start with", slider=(-10.
 Gain = Annotated[float, Param("G_0", "[v] s/[u]", help="nominal gain, not 0", slider=(-10.0, 10.0))]
 Limit = Annotated[float,
                   Param(r"u_{max}", "[u]", low=0.0, log=True, slider=(1e-2, 1e9),
-                        help="greatest |u|; the integral stops there")]
+                        help="maximum |u|; the integral stops there")]
 
 
 @block(state=dict(integral=(0.0, INTEGRAL)), output=Param("u"), check=no_gain,
@@ -35,7 +35,7 @@ def integrated(v, z, tau, G0: Gain = 1.0, limit: Limit = 1e9):
     G0 : float
         Nominal gain of the plant from u to the derivative r of sigma, with its sign; not 0.
     limit : float
-        Greatest \|u\| [u]: there the integral stops, so that it does not wind up.
+        Maximum \|u\| [u]: the integral stops there, so that it does not wind up.
 
     Returns
     -------
@@ -45,11 +45,11 @@ def integrated(v, z, tau, G0: Gain = 1.0, limit: Limit = 1e9):
     Notes
     -----
     An allocation stage. With :math:`\sigma^{(r)} = \xi - G_0 u` the law sees
-    :math:`\sigma^{(r+1)} = \dot\xi - v`: it needs one derivative of sigma more, and the bound L of
-    :math:`|\dot\xi|`. The discontinuity of v is then one of du/dt, the control itself does not
-    chatter, and an actuator slower than tau, which a discontinuous law turns into a limit cycle,
-    disturbs less. The integral takes time: a perturbation that jumps is opposed at the rate alpha L
-    at most.
+    :math:`\sigma^{(r+1)} = \dot\xi - v`: it needs one more derivative of sigma, and the bound L of
+    :math:`|\dot\xi|`. It is then du/dt that is discontinuous; the control itself does not chatter,
+    and an actuator slower than tau, behind which a discontinuous law ends in a limit cycle, does
+    less harm. The integral takes time: after a jump of the perturbation the control follows at the
+    rate alpha L at most.
 
     References
     ----------

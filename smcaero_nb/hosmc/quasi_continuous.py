@@ -1,4 +1,4 @@
-"""Quasi-continuous higher-order sliding mode control: discontinuous only where sigma slides."""
+"""Quasi-continuous higher-order sliding mode control: discontinuous only at sigma = ... = 0."""
 
 import math
 from dataclasses import replace
@@ -105,7 +105,7 @@ QUASI_CONTINUOUS = replace(CARD, source=(KODE, LEVANT_2005, DING_2016))
 
 @family(card=QUASI_CONTINUOUS)
 def quasi_continuous(r: int, family: str = "rational") -> Block:
-    r"""Quasi-continuous higher-order sliding mode control: continuous but where sigma slides.
+    r"""Quasi-continuous higher-order sliding mode control: continuous except where sigma slides.
 
     .. math:: v = \alpha L\,\Psi_r(\sigma/L, \dot\sigma/L, ..., \sigma^{(r-1)}/L), \qquad
         |\Psi_r| \le 1
@@ -131,7 +131,7 @@ def quasi_continuous(r: int, family: str = "rational") -> Block:
 
     Notes
     -----
-    v is continuous but for the point :math:`\sigma = \dot\sigma = ... = 0`, where it is set to 0:
+    v is continuous except at :math:`\sigma = \dot\sigma = ... = 0`, where it is set to 0:
     it chatters once sigma = 0 is reached, not on the way there, as a nested law does. Sampled every
     tau, :math:`|\sigma^{(i)}| \sim \tau^{r-i}`.
 
@@ -157,8 +157,8 @@ def quasi_continuous(r: int, family: str = "rational") -> Block:
     r = order("quasi_continuous", r, 1, 5)
     psi, alpha, equation = FAMILIES[family][r]
     rational = family == "rational"
-    notes = ("Continuous but at sigma = sigma' = ... = 0. Sampled every tau, sigma^(i) is of the\n"
-             "    order tau^(r-i). The default alpha settled in every trial. Output feedback\n"
+    notes = ("Continuous except at sigma = sigma' = ... = 0. Sampled every tau, sigma^(i) is of\n"
+             "    the order tau^(r-i). The default alpha settled in every trial. Output feedback\n"
              "    needs a differentiator of order r - 1.")
     if r == 5 and rational:
         notes += "\n\n    Erratum: (27) prints the coefficient 6 for the first derivative; it is 3."

@@ -18,14 +18,14 @@ SCALES = (1e-3, 10.0)  # windows of models [s]
 COUNT = 17
 
 Window = Annotated[float, Param("w", "s", low=1e-15, log=True, slider=SCALES,
-                                help="what happens within it counts as at once")]
+                                help="what happens within it counts as instantaneous")]
 Alpha = Annotated[float, Param(r"\alpha", low=0.01, high=0.15,
                                help="share of its step that a derivative may still lack")]
 Height = Annotated[float, Param(r"\Delta u", "[u]", help="height of the step", slider=(-2.0, 2.0))]
 Noise = Annotated[float, Param("noise", low=0.0, high=1.0, slider=(0.0, 0.01),
                                help="white noise added to the output, as a share of its range")]
 Found = Annotated[bool,
-                  Param("find w", help="take the shortest window at which both methods agree")]
+                  Param("find w", help="use the shortest window at which both methods agree")]
 
 
 class Probe(NamedTuple):
@@ -99,7 +99,7 @@ def experiment(source: Any, window: float = DEFAULT, **settings: Any) -> Block:
     Raises
     ------
     ParameterError, BlockError
-        As `identify`, when it is called; a source or a setting that does not exist, at once.
+        As `identify`, when it is called; a source or a setting that does not exist, immediately.
 
     Notes
     -----

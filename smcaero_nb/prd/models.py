@@ -8,9 +8,12 @@ import numpy as np
 
 from ..core import Block, BlockError, ClosedLoop, ParameterError, block, simulate
 from ..core.family import written
+from ..core.leaves import heads
+from ..core.linear import vector
 from ..core.param import given
-from ..core.signal import flat
+from ..core.signal import filled, shape
 from ..core.writer import inputs
+from ..core.zeros import of_run, unstable, zeros
 from ..interop import matrices
 from ..records import numbers
 from .step_response import Record
@@ -23,56 +26,47 @@ FINE = 2.0  # integration steps in the fastest time constant of a model, at leas
 COMPILED, PLAIN = 20000, 100  # at most in one sample
 
 
-def _outputs(s, many):
-    """The outputs, without their derivatives, as a list; `many`: the items of `s` are outputs."""
-    if not isinstance(s, tuple):
-        return [s]
-    if many:
-        return [flat(v)[0] for v in s]
-    nested = any(isinstance(v, tuple) for v in s)
-    return [q for v in s for q in _outputs(v, False)] if nested else [s[0]]
-
-
 def model(owner, source):
-    """The source if it is a model, else `ParameterError`."""
+    """Return the source if it is a model, else raise `ParameterError`."""
     control = sys.modules.get("control")  # who has a system of python-control has imported it
     names = ("TransferFunction", "StateSpace", "NonlinearIOSystem") if control else ()
     kinds = (Block, ClosedLoop, *(getattr(control, n) for n in names))
+    if control and isinstance(source, control.FrequencyResponseData):
+        matrices(source, owner)
     return given(owner, "source", source, kinds, "a plant block, a ClosedLoop, a control system, a "
                  "Record or (t, y, step_time, amplitude)")
 
 
 def responses(source, output, surface, window, amplitude, x0):
-    """Records of a model as [output][input], each input stepped by itself.
+    """Return records of a model as [output][input], and its zeros in the right half plane.
 
-    The unforced motion is subtracted.
+    Each input is stepped by itself, and the unforced motion is subtracted.
     """
     h = window/SAMPLES
     control = sys.modules.get("control")
     if isinstance(source, (Block, ClosedLoop)):
-        name, runs = _block(source, output, surface, h, amplitude)
+        name, runs, found = _block(source, output, surface, h, amplitude)
     elif control and isinstance(source, (control.TransferFunction, control.StateSpace)):
         if x0 is not None:
             raise ParameterError("prd.identify: x0 is for a NonlinearIOSystem that is not linear; "
                                  f"the response of {source.name} to a step does not depend on it")
-        name, runs = source.name, _linear(source, h, amplitude)
+        name, (runs, found) = source.name, _linear(source, h, amplitude)
     else:
-        name, runs = source.name, _nonlinear(source, h, amplitude, x0)
+        name, (runs, found) = source.name, _nonlinear(source, h, amplitude, x0)
     t = (np.arange(REST + MOTION) - REST)*h
     many = len(runs[0]) > 1 or len(runs) > 1
 
     def named(i, j):
         return f"{name}, input {j + 1} to output {i + 1}" if many else name
 
-    return [[Record(t, y, 0.0, amplitude, name=named(i, j))
-             for j, y in enumerate(row)] for i, row in enumerate(np.swapaxes(runs, 0, 1))]
+    return [[Record(t, y, 0.0, amplitude, name=named(i, j)) for j, y in enumerate(row)]
+            for i, row in enumerate(np.swapaxes(runs, 0, 1))], unstable(found)
 
 
 def _finer(name, f, x, h, most):
-    """Integration steps per sample that the fastest mode of x' = f(x) needs at the start."""
-    x, rate = np.array(x, float), np.array(f(np.array(x, float)), float)
-    steps = 1e-6*(1.0 + np.abs(x))
-    jacobian = np.column_stack([(np.array(f(x + s*e), float) - rate)/s
+    """Return the integration steps per sample that the fastest mode of x' = f(x) needs at first."""
+    rate, steps = f(x), 1e-6*(1.0 + np.abs(x))
+    jacobian = np.column_stack([(f(x + s*e) - rate)/s
                                 for s, e in zip(steps, np.eye(len(x)), strict=True)])
     fastest = np.abs(np.linalg.eigvals(jacobian)).max() if np.isfinite(jacobian).all() else 0.0
     if FINE*h*fastest > most:
@@ -87,16 +81,16 @@ def _diverged(name, since):
     if since > 0.0:
         why = f"diverges {since:.3g} s after the step; take a shorter window or a smaller amplitude"
     else:
-        why = "does not stay finite even before the step; look at its equations and initial state"
+        why = "does not stay finite even before the step; check its equations and initial state"
     return ParameterError(f"prd.identify: {name} {why}")
 
 
-# ---- each gives [input][output] of arrays of REST + MOTION samples -------------------------------
+# ---- each gives [input][output] of arrays of REST + MOTION samples, and the zeros ----------------
 def _linear(source, h, amplitude):
-    """Exact at the samples."""
+    """Respond exactly at the samples."""
     from scipy.linalg import expm  # slow to import, so only here
 
-    A, B, C, D, _ = matrices(source)
+    A, B, C, D, _ = matrices(source, "prd.identify")
     n, m = B.shape
     ys = np.zeros((m, len(C), REST + MOTION))
     x = np.zeros((n, m))
@@ -107,14 +101,15 @@ def _linear(source, h, amplitude):
             x = E[:n, :n] @ x + E[:n, n:]
     if len(wrong := np.flatnonzero(~np.isfinite(ys).all(axis=(0, 1)))):
         raise _diverged(source.name, (wrong[0] - REST)*h)
-    return ys
+    return ys, zeros(A, B, C, D)
 
 
 def _nonlinear(source, h, amplitude, x0):
-    """The system as a block, from `x0`; it is no code that a compiler knows."""
+    """Run the system as a block from `x0`, plain: a compiler does not know its code."""
     if not (source.nstates and source.ninputs and source.isctime()):
         raise ParameterError(f"prd.identify: source '{source.name}' has no states, no inputs or is "
-                             "discrete-time; it must have both, and be continuous")
+                             "discrete-time; it must have both, and be continuous. A record of "
+                             "its step response is a source, too: (t, y, step_time, amplitude)")
     x0 = np.zeros(source.nstates) if x0 is None else numbers("prd.identify", "x0", x0)
     if x0.shape != (source.nstates,):
         raise ParameterError(f"prd.identify: x0 has the shape {x0.shape}; source '{source.name}' "
@@ -133,15 +128,15 @@ def _nonlinear(source, h, amplitude, x0):
         motion(0.0, x0, np.zeros(source.ninputs), 0.0)
         output(0.0, x0, np.zeros(source.ninputs))
     except Exception as why:
-        raise BlockError(f"source '{source.name}' does not run where it starts: "
+        raise BlockError(f"source '{source.name}' cannot be evaluated at its initial state: "
                          f"{type(why).__name__}: {why}") from why
     motion.__name__ = source.name
     plant = block(state={f"x{i}": v for i, v in enumerate(x0.tolist())})(motion)
-    return _block(plant, block(output), None, h, amplitude, PLAIN)[1]
+    return _block(plant, block(output), None, h, amplitude, PLAIN)[1:]
 
 
 def _block(source, output, surface, h, amplitude, most=COMPILED):
-    """The block in its loop, with the step in place of the law, by Runge-Kutta of order 4.
+    """Run the block in its loop, with the step in place of the law, by Runge-Kutta of order 4.
 
     It is compiled where there are many steps.
     """
@@ -154,10 +149,14 @@ def _block(source, output, surface, h, amplitude, most=COMPILED):
         output = getattr(source, "y", None) if output is None else output
     u, d = inputs(plant)
     m = len(u) if isinstance(u, tuple) else 1
-    many = m > 1 and not (output and surface is None)  # states and sigma: one each
-    finer = _finer(plant.name, lambda x: plant(*({"t": 0.0, "x": tuple(x), "u": u, "d": d}[n]
-                                                 for n in plant.signals)),
-                   plant.z0, h, most)
+    first = m == 1 and output is None and surface is None  # of the states
+    form = shape(plant.z0)
+
+    def rate(x):
+        at = {"t": 0.0, "x": filled(form, iter(x.tolist())), "u": u, "d": d}
+        return vector(plant(*(at[n] for n in plant.signals)))
+
+    finer = _finer(plant.name, rate, vector(plant.z0), h, most)
     heights = [f"u_{j}" for j in range(m)]
     step = written("step", f"t, start=0.0, {', '.join(f'{q}=0.0' for q in heights)}",
                    "on = 1.0 if t >= start else 0.0\n"
@@ -173,8 +172,10 @@ def _block(source, output, surface, h, amplitude, most=COMPILED):
                        jit=finer > 4 and most > PLAIN)
         if run.diverged_at is not None:
             raise _diverged(plant.name, run.diverged_at - REST*h)
-        s = run.y if surface is None else run.sigma
-        return np.array(_outputs(s, many and isinstance(s, tuple)))[:, :REST + MOTION]
+        seen = "y" if surface is None else "sigma"
+        outputs = heads(run.leaves(seen), getattr(run, seen))
+        return run, np.array(outputs[:1] if first else outputs)[:, :REST + MOTION]
 
-    free = moved()
-    return plant.name, [moved(**{f"law__u_{j}": amplitude}) - free for j in range(m)]
+    run, free = moved()
+    return (plant.name, [moved(**{f"law__u_{j}": amplitude})[1] - free for j in range(m)],
+            of_run(run))

@@ -15,7 +15,7 @@ NEAR = 0.35
 
 @dataclass(frozen=True)
 class PowerLaw:
-    r"""What the power law of the first motion says; made by `identify`.
+    r"""Evidence of the power law of the first motion; made by `identify`.
 
     Attributes
     ----------
@@ -67,7 +67,7 @@ def power_law(t, y, noise, span):
                         "too late in the window, or not at all")
     if np.ptp(np.sign(y[m])) > 0:
         return PowerLaw(None, math.nan, octave, noise,
-                        "the response changes its sign, which no power law does")
+                        "the response changes its sign, as no power law does")
     logs = np.log(t[m]), np.log(np.abs(y[m]))
     slope = float(np.polyfit(*logs, 1)[0])
     first = logs[0] < 0.5*(logs[0][0] + logs[0][-1])
@@ -75,15 +75,16 @@ def power_law(t, y, noise, span):
     near, far = (math.exp(logs[0][q].mean()) for q in (first, ~first))
     r = round(slope)
     if r < 1:
-        why = f"the slope {slope:.2f} is that of no relative degree from 1 to {HIGHEST}" + (
+        why = f"the slope {slope:.2f} does not fit any relative degree from 1 to {HIGHEST}" + (
             ": the output jumps with the input (relative degree 0), or has settled" if slope < 0.5
             else "")
     elif r > HIGHEST:
-        why = f"the slope {slope:.2f} is above {HIGHEST}, the highest order looked for"
+        why = (f"the slope {slope:.2f} is above {HIGHEST}, the highest order sought; identify a "
+               "derivative of the output, or take a longer window")
     else:
         why = f"the slope {slope:.2f} is not near a whole number" if abs(slope - r) > NEAR else ""
         if abs(halves[1] - halves[0]) > NEAR:
             why = (f"the slope goes from {halves[0]:.2f} to {halves[1]:.2f} within the octave, "
-                   "which no power law does")
+                   "as no power law does")
     onset = extrapolated(halves[0], halves[1], far/near)
     return PowerLaw(None if why else r, slope, octave, noise, why, onset)

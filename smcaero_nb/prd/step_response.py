@@ -43,7 +43,7 @@ class Record:
     name : str
         For titles.
     about : str
-        Where it comes from, in words.
+        Its origin, in words.
 
     Raises
     ------
@@ -115,7 +115,7 @@ class Record:
 
 def _step(table: Table, u: str, t: np.ndarray, step_time: Any,
           amplitude: Any) -> tuple[float, float, float]:
-    """When the input steps and how high, unless given, and when it changes again."""
+    """Return when the input steps and how high, unless given, and when it changes again."""
     values, _ = table.column("u", u)
     change, least = np.abs(np.diff(values)), EDGE*np.ptp(values)
     jumps = np.flatnonzero(change > max(least, USUAL*np.median(change))) + 1

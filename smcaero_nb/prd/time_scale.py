@@ -14,7 +14,7 @@ from .step_response import Record
 __all__ = ["SHORTEST", "answer", "longest_window", "shortest_answer"]
 
 SPAN = 1.25  # windows after the step over which a derivative is followed
-SHORTEST = 40  # fewest samples in a window
+SHORTEST = 40  # minimum number of samples in a window
 REST = 0.05  # drift before the step, relative to the response: with more, the plant was not at rest
 FINE = 1e-9  # relative noise up to which the sixth difference may show the response itself
 STEPPED = 2.0  # early slope of z_(k-1) relative to its later one: with more, it has itself stepped
@@ -23,7 +23,7 @@ ONSET = 0.2  # the same, to trust both methods with another window
 
 
 def longest_window(record: Record) -> float:
-    """Longest window that fits behind the step of a record [s]."""
+    """Return the longest window that fits behind the step of a record [s]."""
     return (record.until - record.step_time - 2*record.h)/SPAN
 
 
@@ -45,7 +45,7 @@ def _fits(record, window):
 
 
 def _silent(before, drift, size, start):
-    """Why a record cannot be judged; empty if it can."""
+    """Return the reason why a record cannot be judged; empty if it can."""
     if size == 0.0:
         return "the output does not respond to the input"
     if drift > REST and drift > 6.0*_ripple(before)/np.sqrt(start/5):
@@ -55,7 +55,7 @@ def _silent(before, drift, size, start):
 
 
 def _chosen(analysis, power, noise):
-    """The order that the two methods give together, or None, and why it is not certain."""
+    """Return the order that the two methods give together, or None, and the doubt about it."""
     a, b, bends = analysis.prd, power.prd, analysis.bends[:analysis.prd or 0]
     why = ""
     if a == b or b and abs(power.onset - b) <= CLEAN:
@@ -66,7 +66,7 @@ def _chosen(analysis, power, noise):
         prd = b
     else:
         prd, why = None, ("no derivative steps as it would from rest: within the window the plant "
-                          "goes its own way; ")
+                          "moves by itself; ")
     if analysis.jumps and not (prd is not None and a == b):
         slope = f"PRD {b}, slope {power.slope:.2f}, {power.onset:.2f} at the step"
         why += (f"analyser: {analysis.reason or f'PRD {a}'}; power law: {power.reason or slope}")

@@ -34,7 +34,7 @@ def of_the_lander(run, owner):
 
 @dataclass(frozen=True)
 class Landing:
-    """How a descent ended; made by `landing`.
+    """Outcome of a descent; made by `landing`.
 
     Attributes
     ----------
@@ -76,7 +76,7 @@ class Landing:
 
 
 def landing(run: Run) -> Landing:
-    r"""Return whether a run of the lander ended softly, and if not, how hard and why.
+    r"""Judge whether a run of the lander ended softly, and if not, how hard and why.
 
     Parameters
     ----------

@@ -98,7 +98,7 @@ def conditional_integral(e, z, tau, c_int: IntegralGain = 25.0, e_I: Near = 0.00
 def braking_surface(e, z, tau, c_0: Slope = 7.0, c_int: IntegralGain = 25.0,
                     limited: Limited = True, a_b: Brake = 0.05, conditional: Conditional = True,
                     e_I: Near = 0.003, w_max: Most = 0.0063):
-    r"""Sliding variable of a thruster that is weak for the errors it meets.
+    r"""Sliding variable for thrusters that are weak for the errors they meet.
 
     .. math:: \sigma = \dot e + f(e) + w
 

@@ -42,8 +42,8 @@ def invertible(values):
                 "so G0^-1 v does not exist")
     if size > NEAR:
         warnings.warn(f"decoupling: G0 = {G.tolist()} is nearly singular (condition number "
-                      f"{size:.1e}): u will be large, and an error of G0 that is small beside its "
-                      "entries undoes the decoupling", stacklevel=4)
+                      f"{size:.1e}): u will be large, and an error of G0 that is small compared "
+                      "with its entries undoes the decoupling", stacklevel=4)
 
 
 @family(card=CARD)

@@ -8,7 +8,7 @@ from ..core import Block, Param, block
 from ..core.card import Law
 from ..core.family import family
 from ..core.signal import filtered, norm, scaled, sign
-from ..sources import EDWARDS_2016, KODE
+from ..sources import EDWARDS_2014, KODE
 from .relay import LAYERED, Layer
 
 __all__ = ["dual_layer_quasi_smc", "dual_layer_smc", "dual_layer_unit_vector"]
@@ -19,7 +19,8 @@ Alpha = Annotated[float, Param(r"\alpha", low=0.01, high=0.999, slider=(0.5, 0.9
                                help="safety factor: k is held above v_eq/alpha")]
 Eps = Annotated[float,
                 Param(r"\epsilon", "[v]", low=1e-9, help="safety margin of k", slider=(0.01, 1.0))]
-R0 = Annotated[float, Param("r_0", "[v]/s", low=1e-9, help="least speed of k", slider=(0.01, 5.0))]
+R0 = Annotated[float,
+               Param("r_0", "[v]/s", low=1e-9, help="minimum speed of k", slider=(0.01, 5.0))]
 Gamma = Annotated[float,
                   Param(r"\gamma", "1/s^2", low=0.0, log=True, help="growth of the speed of k",
                         slider=(0.01, 100.0))]
@@ -35,8 +36,9 @@ LAYERS = dict(k=(0.1, Param("k(0)", "[v]", low=0.0, help="gain to start with", s
                        slider=(0.0, 10.0))))
 V_EQ = Param(r"\bar v_{eq}(0)", "[v]", help="equivalent control to start with", slider=(-2.0, 2.0))
 
-FOLLOWING = Law(order=1, r=1, adaptive=True, needs="that |xi'| and |xi''| are bounded",
-                guarantees="sigma = 0 after a finite time", source=(KODE, EDWARDS_2016))
+FOLLOWING = Law(order=1, r=1, adaptive=True,
+                needs="that |xi'| is bounded, and gamma large enough for its bound",
+                guarantees="sigma = 0 after a finite time", source=(KODE, EDWARDS_2014))
 VECTOR = replace(FOLLOWING, channels=True)
 
 
@@ -77,14 +79,14 @@ def dual_layer_smc(sigma, z, tau, eta: Eta = 0.05, alpha: Alpha = 0.9, eps: Eps 
     eps : float
         Safety margin of k [v].
     r_0 : float
-        Least speed of k [v]/s.
+        Minimum speed of k [v]/s.
     gamma : float
         Growth of the speed of k [1/s^2].
     delta_0 : float
         Accepted error of k [v], less than eps/2.
     tau_f : float
-        Time constant of the filter that finds v_eq [s]: many sampling steps, and short beside the
-        perturbation's changes.
+        Time constant of the filter that finds v_eq [s]: many sampling steps, but short compared
+        with the perturbation's changes.
 
     Returns
     -------
@@ -94,20 +96,24 @@ def dual_layer_smc(sigma, z, tau, eta: Eta = 0.05, alpha: Alpha = 0.9, eps: Eps 
     Notes
     -----
     While sigma slides, the filtered v is the perturbation, so the gain comes down again when the
-    perturbation drops. The speed r never falls: a run starts from the initial state r(0), so
-    ``with_(r=0.0)``, or a larger r(0), sets it anew. Sampled every tau, |sigma| stays within about
-    tau (k + eta + L).
+    perturbation drops. The speed r never falls within a run; the next run starts from the initial
+    state r(0) again. Sampled every tau, |sigma| stays within about tau (k + eta + L).
 
     Erratum: nothing in (18) keeps k from falling below 0; here it is held at 0 or above. eps and
     eta must be larger than 0: without them k can reach 0 while v_eq is 0, and stays there however
-    large sigma becomes. The sufficient condition of the source, eps^2/4 > delta_0^2 + (q
-    L_1/alpha)^2/gamma with \|xi''\| <= L_1 and a factor q > 1, contains delta_0 < eps/2. It is
-    sufficient only: the defaults meet it for L_1 < 0.17, and slide where \|xi''\| is ten times as
-    large.
+    large sigma becomes.
+
+    The gain follows xi, so it is the speed of xi that it has to match: the sufficient condition of
+    the source is eps^2/4 > delta_0^2 + (q L_1/alpha)^2/gamma with \|xi'\| <= L_1 and a factor q >
+    1, and contains delta_0 < eps/2. A bound of \|xi''\| is not enough: under xi = 10 (t - 5), from
+    t = 5 s on, \|sigma\| reaches 10.1 with the defaults, before the gain has caught up. The
+    condition is sufficient only: the defaults meet it for L_1 < 0.17, and slide where \|xi'\| is
+    ten times as large. In `hosmc.adaptive_continuous` the gain follows xi', and there it is
+    \|xi''\| that counts.
 
     References
     ----------
-    Paper eqs (16)-(20), m = 1. C. Edwards and Y. Shtessel, Automatica 65 (2016) 183.
+    Paper eqs (16)-(20), m = 1. C. Edwards and Y. Shtessel, American Control Conf., 2014.
     """
     k, r, v_eq = z
     v = (k + eta)*sign(sigma)
@@ -142,7 +148,7 @@ def dual_layer_quasi_smc(sigma, z, tau, eta: Eta = 0.05, alpha: Alpha = 0.9, eps
     eps : float
         Safety margin of k [v].
     r_0 : float
-        Least speed of k [v]/s.
+        Minimum speed of k [v]/s.
     gamma : float
         Growth of the speed of k [1/s^2].
     delta_0 : float
@@ -166,8 +172,8 @@ def dual_layer_quasi_smc(sigma, z, tau, eta: Eta = 0.05, alpha: Alpha = 0.9, eps
 
     References
     ----------
-    Paper eqs (16)-(20), m = 1, and its Fig. 9. C. Edwards and Y. Shtessel, Automatica 65 (2016)
-    183.
+    Paper eqs (16)-(20), m = 1, and its Fig. 9. C. Edwards and Y. Shtessel, American Control Conf.,
+    2014.
     """
     k, r, v_eq = z
     v = (k + eta)*sigma/(abs(sigma) + width)
@@ -212,7 +218,7 @@ def dual_layer_unit_vector(m: int = 2) -> Block:
 
     References
     ----------
-    Paper eqs (16)-(20). C. Edwards and Y. Shtessel, Automatica 65 (2016) 183.
+    Paper eqs (16)-(20). C. Edwards and Y. Shtessel, American Control Conf., 2014.
     """
     m = Param(low=2, high=8).check("dual_layer_unit_vector", "m", m, int)
 

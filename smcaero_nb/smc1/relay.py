@@ -21,15 +21,23 @@ LAYERED = replace(RELAY, order=None, continuous=True,
                   guarantees="sigma within a boundary layer after a finite time")
 
 
-def relayed(values, a):
+def relayed(values, a, omega):
     """Describing function of the relay."""
     return 4.0*values["rho"]/(math.pi*a)
 
 
-def saturated(values, a):
+def saturated(values, a, omega):
     """Describing function of the saturation."""
     q = min(values["eps"]/a, 1.0)
     return 2.0*values["rho"]/(math.pi*values["eps"])*(math.asin(q) + q*math.sqrt(1.0 - q*q))
+
+
+def sigmoid(values, a, omega):
+    r"""Describing function of the sigmoid: of sin^2/(sin + q) = sin - q + q^2/(sin + q)."""
+    q = values["eps"]/a
+    w = math.sqrt(abs(1.0 - q*q))
+    rest = 2.0 if w == 0.0 else 2.0/w*(math.acosh(1.0/q) if q < 1.0 else math.acos(1.0/q))
+    return 2.0*values["rho"]/(math.pi*a)*(2.0 - math.pi*q + q*q*rest)
 
 
 @block(output=Param("v"), card=replace(RELAY, describing=relayed, source=(KODE, UTKIN_1992)))
@@ -54,7 +62,7 @@ def sign_smc(sigma, rho: Rho = 2.0):
     -----
     Reaches :math:`\sigma = 0` within :math:`|\sigma(0)|/(\rho - L)`. Sampled every tau it chatters:
     :math:`|\sigma|` stays within about tau (rho + L), and v switches every few samples. Behind an
-    actuator it is a limit cycle.
+    actuator it ends in a limit cycle.
 
     With several inputs, R = diag(rho_i) is one such law a channel:
     ``channels(a=sign_smc.with_(rho=2.0), b=sign_smc.with_(rho=3.0))``, each rho_i larger than the
@@ -68,7 +76,7 @@ def sign_smc(sigma, rho: Rho = 2.0):
     return rho*sign(sigma)
 
 
-@block(output=Param("v"), card=replace(LAYERED, source=(KODE, BURTON_1986)))
+@block(output=Param("v"), card=replace(LAYERED, describing=sigmoid, source=(KODE, BURTON_1986)))
 def quasi_smc(sigma, rho: Rho = 2.0, eps: Layer = 0.1):
     r"""Continuous (quasi) sliding mode control, sigmoid.
 
@@ -92,9 +100,9 @@ def quasi_smc(sigma, rho: Rho = 2.0, eps: Layer = 0.1):
     Notes
     -----
     No chattering, and no exact sliding either: a constant perturbation xi leaves
-    :math:`\sigma = \varepsilon\,\xi/(\rho - |\xi|)`. Near :math:`\sigma = 0` it is a linear gain
-    rho/eps, which the actuator bounds, and sampling too: below eps = tau rho/2 it chatters like the
-    relay.
+    :math:`\sigma = \varepsilon\,\xi/(\rho - |\xi|)`. Near :math:`\sigma = 0` it acts as a linear
+    gain rho/eps, which the actuator and the sampling limit: below eps = tau rho/2 it chatters like
+    the relay.
 
     With several inputs, one such law a channel, as for `sign_smc`.
 

@@ -7,7 +7,7 @@ from ..core import Param, block, exceeds
 from ..core.assumptions import MARGIN
 from ..core.card import Law
 from ..core.signal import sign
-from ..sources import KODE, LEVANT_1993, SEEBER_2017, SHTESSEL_2012
+from ..sources import BOIKO_2005, KODE, LEVANT_1993, SEEBER_2017, SHTESSEL_2012
 
 __all__ = ["adaptive_super_twisting", "super_twisting"]
 
@@ -23,6 +23,15 @@ def assumed(values, xi, dxi):
     return exceeds("beta", "|xi'|", rate=True)(values, xi, dxi)
 
 
+#: First harmonic of sqrt(|sin|) sign(sin): 2 Gamma(5/4)/(sqrt(pi) Gamma(7/4)).
+ROOT = 2.0*math.gamma(1.25)/(math.sqrt(math.pi)*math.gamma(1.75))
+
+
+def described(values, a, omega):
+    """Describing function: the root in phase, the integral of the relay a quarter period behind."""
+    return values["lam"]*ROOT/math.sqrt(a) - 4.0j*values["beta"]/(math.pi*a*omega)
+
+
 Root = Annotated[float,
                  Param(r"\lambda", "[v]/[sigma]^1/2", low=0.0,
                        help="1.5 sqrt(L), L the bound of |xi'|", slider=(0.0, 10.0))]
@@ -34,7 +43,7 @@ Integral = Annotated[float,
 @block(state=dict(w=(0.0, W)), output=Param("v"),
        card=Law(order=2, r=1, continuous=True, needs="the bound of |xi'|",
                 guarantees="sigma = sigma' = 0 after a finite time", assumes=assumed,
-                source=(KODE, LEVANT_1993, SEEBER_2017)))
+                describing=described, source=(KODE, LEVANT_1993, SEEBER_2017, BOIKO_2005)))
 def super_twisting(sigma, z, tau, lam: Root = 1.5, beta: Integral = 1.1):
     r"""Super-twisting control.
 
@@ -54,16 +63,18 @@ def super_twisting(sigma, z, tau, lam: Root = 1.5, beta: Integral = 1.1):
     Returns
     -------
     float
-        v, of :math:`\dot\sigma = \xi - v`, continuous; the perturbation may have any size, its
-        derivative not.
+        v, of :math:`\dot\sigma = \xi - v`, continuous; the perturbation may have any size, but
+        its derivative must be bounded.
 
     Notes
     -----
     Reaches :math:`\sigma = \dot\sigma = 0` in finite time; then w = xi. Without perturbation,
     :math:`\dot\sigma` at one zero of sigma is :math:`-\exp(-\pi\lambda/\sqrt{8\beta - \lambda^2})`
     times that at the zero before, and sigma has no second zero if :math:`\lambda^2 \ge 8\beta`.
-    Sampled every tau, :math:`|\sigma|` stays within a multiple of L tau^2. An actuator's lag turns
-    it into a limit cycle.
+    Sampled every tau, :math:`|\sigma|` stays within a multiple of L tau^2. An actuator's lag T
+    turns it into a limit cycle: by its describing function, which is right to a few per cent, of
+    the amplitude :math:`a = (4 T\beta/(1.113\,\pi\lambda))^2` and the frequency
+    :math:`2\sqrt{\beta/(\pi a)}`.
 
     Erratum: the paper takes the gains from the bound of xi, but they need that of its derivative,
     of its (A4).
@@ -71,7 +82,8 @@ def super_twisting(sigma, z, tau, lam: Root = 1.5, beta: Integral = 1.1):
     References
     ----------
     Paper eq (21). A. Levant, Int. J. Control 58 (1993) 1247. The gains: R. Seeber and M. Horn,
-    Automatica 84 (2017) 241.
+    Automatica 84 (2017) 241. The limit cycle: I. Boiko and L. Fridman, IEEE Trans. Automatic
+    Control 50 (2005) 1442.
     """
     w, = z
     s = sign(sigma)
@@ -87,13 +99,13 @@ Accepted = Annotated[float,
                      Param(r"\mu", "[sigma]", low=0.0, log=True, help="accepted size of sigma",
                            slider=(1e-4, 1.0))]
 Least = Annotated[float,
-                  Param(r"\lambda_m", "[lam]", low=0.0, help="least gain", slider=(0.0, 2.0))]
+                  Param(r"\lambda_m", "[lam]", low=0.0, help="minimum gain", slider=(0.0, 2.0))]
 Ratio = Annotated[float,
                   Param(r"\varepsilon", "1/s", low=0.0, log=True, help="beta = eps lam",
                         slider=(1e-3, 10.0))]
 Growth = Annotated[float,
-                   Param(r"\eta", "[lam]/s", low=0.0, log=True, help="growth below the least gain",
-                         slider=(1e-3, 10.0))]
+                   Param(r"\eta", "[lam]/s", low=0.0, log=True, slider=(1e-3, 10.0),
+                         help="growth below the minimum gain")]
 
 
 @block(state=dict(lam=(1.0, LAM_0), w=(0.0, W)), output=Param("v"),
@@ -117,13 +129,13 @@ def adaptive_super_twisting(sigma, z, tau, gamma: Speed = 20.0, mu: Accepted = 1
     sigma : float
         Sliding variable.
     gamma : float
-        Speed of the adaptation [lam]/s; about ten times the bound of the perturbation's derivative
-        or more.
+        Speed of the adaptation [lam]/s; at least about ten times the bound of the perturbation's
+        derivative.
     mu : float
         Accepted :math:`|\sigma|`: above it the gain grows, below it the gain falls; well above
         tau^2 times the level of the gain.
     lam_min : float
-        Least gain.
+        Minimum gain.
     eps : float
         Ratio beta/lambda [1/s].
     eta : float
@@ -138,8 +150,8 @@ def adaptive_super_twisting(sigma, z, tau, gamma: Speed = 20.0, mu: Accepted = 1
     Notes
     -----
     The gain does not stay large: it falls until :math:`|\sigma|` reaches mu, which sigma then
-    overshoots by a factor of two to twelve. Erratum: none; the paper's beta = eps lambda belongs to
-    w' = beta sign(sigma), which is the literature's beta = 2 eps lambda with w' = (beta/2)
+    overshoots by a factor of two to twelve. Not an erratum: the paper's beta = eps lambda belongs
+    to w' = beta sign(sigma), which is the literature's beta = 2 eps lambda with w' = (beta/2)
     sign(sigma).
 
     References

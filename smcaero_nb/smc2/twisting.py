@@ -44,6 +44,11 @@ def assumed(values, xi, dxi):
     return exceeds("L", "|xi'|", rate=True)(values, xi, dxi) or exceeds("v_M")(values, xi, dxi)
 
 
+def described(values, a, omega):
+    """Describing function within v_M: two relays, a quarter period apart, integrated."""
+    return 4.0/(math.pi*a*omega)*(values["alpha_2"] - 1.0j*values["alpha_1"])
+
+
 Alpha1 = Annotated[float,
                    Param(r"\alpha_1", "[v]/s", low=0.0, help="gain of sign(sigma)",
                          slider=(0.0, 20.0))]
@@ -60,7 +65,7 @@ Bound = Annotated[float,
        card=Law(order=2, r=1, sees="derivatives", continuous=True,
                 needs="the bounds of |xi| and |xi'|",
                 guarantees="sigma = sigma' = 0 after a finite time", assumes=assumed,
-                source=(KODE, LEVANT_1993)))
+                describing=described, source=(KODE, LEVANT_1993)))
 def twisting(sigma, z, tau, alpha_1: Alpha1 = 2.4, alpha_2: Alpha2 = 1.2, v_M: Limit = 3.0,
              L: Bound = 1.0):
     r"""Twisting control, integrated: continuous.
@@ -98,9 +103,9 @@ def twisting(sigma, z, tau, alpha_1: Alpha1 = 2.4, alpha_2: Alpha2 = 1.2, v_M: L
     + tau (alpha_1 + alpha_2).
 
     sigma' contains the control, so an output block cannot give it: it takes a differentiator of
-    order 1, whose bound of the second derivative is at least L + alpha_1 + alpha_2. Its sign alone
-    matters; noise in it costs the order of accuracy. The v of a sample already contains its own
-    step. While :math:`|v| \ge v_M` the integral lets go slowly, at the rate of v itself.
+    order 1, whose bound of the second derivative is at least L + alpha_1 + alpha_2. Only its
+    sign matters, but noise in it costs the order of accuracy. The v of a sample already contains
+    its own step. While :math:`|v| \ge v_M`, v decays as exp(-t).
 
     Errata: (22) calls the limit v_m, the text below it v_M. The first inequality of (23),
     :math:`\alpha_1 + \alpha_2 - L > \alpha_1 - \alpha_2 + L`, says no more than
@@ -122,10 +127,11 @@ Accepted = Annotated[float,
                      Param(r"\mu_1", "[sigma]^2", low=0.0, log=True, help="accepted size of V",
                            slider=(1e-6, 1.0))]
 Least = Annotated[float,
-                  Param(r"\alpha_{1,min}", "[v]/s", low=0.0, help="least gain", slider=(0.0, 2.0))]
+                  Param(r"\alpha_{1,min}", "[v]/s", low=0.0, slider=(0.0, 2.0),
+                        help="minimum gain")]
 Growth = Annotated[float,
                    Param(r"\eta_1", "[v]/s^2", low=0.0, log=True,
-                         help="growth below the least gain", slider=(0.01, 10.0))]
+                         help="growth below the minimum gain", slider=(0.01, 10.0))]
 Weight = Annotated[float,
                    Param("c", "s^2", low=0.0, log=True, help="weight of sigma'^2 in V",
                          slider=(0.001, 1.0))]
@@ -155,12 +161,12 @@ def adaptive_twisting(sigma, z, tau, gamma: Speed = 20.0, mu: Accepted = 1e-4,
     sigma : tuple of float
         Sliding variable and its derivative, as from ``surface.itae(..., derivative=True)``.
     gamma : float
-        Speed of the adaptation [v]/s^2; some ten times that of the perturbation's derivative or
-        more.
+        Speed of the adaptation [v]/s^2; at least about ten times the bound of the perturbation's
+        derivative.
     mu : float
         Accepted V [sigma]^2: above it the gain grows, below it the gain falls.
     alpha_min : float
-        Least gain [v]/s.
+        Minimum gain [v]/s.
     eta : float
         Growth of a gain below `alpha_min` [v]/s^2.
     c : float
@@ -177,10 +183,10 @@ def adaptive_twisting(sigma, z, tau, gamma: Speed = 20.0, mu: Accepted = 1e-4,
     Notes
     -----
     The gain does not stay large, and sigma does not stay at 0: it moves within about
-    :math:`\sqrt{\mu_1}`. On the way there the gain can be large for a moment. Sampled every tau,
-    sigma' moves in steps of up to 1.5 tau alpha_1, so mu has to be larger than
-    :math:`c\,(1.5\,\tau\alpha_1)^2` at that moment: otherwise the gain grows for ever. sigma' takes
-    a differentiator, as for `twisting`, whose bound covers the largest gain.
+    :math:`\sqrt{\mu_1}`. On the way there the gain can be large for a short time. Sampled every
+    tau, sigma' moves in steps of up to 1.5 tau alpha_1, so mu has to be larger than
+    :math:`c\,(1.5\,\tau\alpha_1)^2` at that time: otherwise the gain grows without bound. sigma'
+    takes a differentiator, as for `twisting`, whose bound covers the largest gain.
 
     References
     ----------

@@ -4,21 +4,22 @@ import pathlib
 import threading
 import warnings
 from collections.abc import Iterable
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import anywidget
 import ipywidgets as W
 import traitlets
 from ipywidgets.widgets.widget_string import TextStyle
 
-from ..core import Block, ClosedLoop, ParameterError
+from ..core import Block, ClosedLoop, Param, ParameterError
 from ..core.block import Channels
-from ..core.param import texted, unknown
+from ..core.param import chosen, texted, unknown
+from ..core.program import methods
 from ..core.stages import STAGES
 from .given import Loop, Loops, names, offered
 from .job import RAISED
-from .row import Row, css_class, written
-from .text import doc_html, said_html, why_not
+from .row import Entries, Row, css_class, written
+from .text import doc_html, label, said_html, why_not
 
 __all__ = ["Mask", "mask"]
 
@@ -26,6 +27,9 @@ HERE = pathlib.Path(__file__).parent
 # what a designer sets; the rest is folded away
 DESIGN = tuple(name for name, stage in STAGES.items() if stage.role == "design")
 WORLD = tuple(name for name, stage in STAGES.items() if stage.role == "world")
+# of a loop as a whole and of its runs; they come along with the world
+SIMULATION = "method", "latency"
+METHOD = Param(help="how the plant is integrated from step to step")
 
 
 class _Names(W.Widget):
@@ -58,14 +62,6 @@ def _blocks(prefix, b):
         yield prefix, b
 
 
-def _settable(target):
-    """{name: (Param, value, kind)} of a block or loop."""
-    if isinstance(target, ClosedLoop):
-        return target.settable()
-    return {n: (m, target.values[n], target.kinds.get(n, float))
-            for n, m in target.settable.items()}
-
-
 def _groups(target):
     """[(title, block, names, folded)] in the order in which one designs; initial states last."""
     stages = {"": target}
@@ -73,12 +69,31 @@ def _groups(target):
         stages = {f"{s}__": target.stages[s] for s in DESIGN + WORLD}
     blocks = [q for prefix, b in stages.items() for q in _blocks(prefix, b)]
     groups = [(": ".join(filter(None, (" ".join(p.split("__")[:-1]), b.name.replace("_", " ")))), b,
-               [f"{p}{n}" for n in b.params], p.startswith(WORLD)) for p, b in blocks]
+               [f"{p}{n}" for n in (*b.params, *b.buffers)], p.startswith(WORLD)) for p, b in blocks]
     starts = {}
     for p, b in reversed(blocks):
         title = ": ".join(["initial state", *p.split("__")[1:-1]])
-        starts.setdefault(title, []).extend(f"{p}{n}" for n in b.states)
+        starts.setdefault(title, []).extend(f"{p}{n}" for n in b.states if n not in b.buffers)
+    if isinstance(target, ClosedLoop):
+        groups.append(("simulation", None, [*SIMULATION], True))
     return [*groups, *((title, None, names, True) for title, names in sorted(starts.items()))]
+
+
+def _told(name, meta, row):
+    """(CSS class, (accessible name, whether its slider is logarithmic)) of controls of a row."""
+    said, unit = name.replace("__", " "), f" {meta.unit}"*(meta.unit != "1")
+    if isinstance(row, Entries):
+        return [(q, (called + unit, False)) for q, called in row.names(said).items()]
+    return [(css_class(name), (said + unit, meta.log))]
+
+
+def _titles(names, known):
+    """{name: what its row is called in its group}: with the stage, where two are alike."""
+    short = {n: n.rpartition("__")[::2] for n in names}
+    called = [known[n][0].symbol or short[n][1] for n in names]
+    return {n: label(short[n][1], known[n][0])
+            + f" ({label(short[n][0].replace('__', ' '), Param())})"*(called.count(q) > 1)
+            for n, q in zip(names, called, strict=True)}
 
 
 class _Fold(W.VBox):
@@ -111,17 +126,52 @@ class _Fold(W.VBox):
 
 
 class _State(NamedTuple):
-    """State of a mask: the name of the chosen loop, the loops as set, and as they were given."""
+    """State of a mask: the name of the chosen loop, the loops as set, and as they were given.
+
+    `methods` are the integration methods by name, where they are not the default.
+    """
 
     chosen: str
     offered: dict
     given: dict
+    methods: dict
 
     target = property(lambda self: self.offered[self.chosen])
+
+    @property
+    def allowed(self):
+        """The integration methods that the target may have, its default first."""
+        return methods(self.target) if isinstance(self.target, ClosedLoop) else ()
+
+    @property
+    def method(self):
+        """The integration method of the target; None of a block."""
+        set_here = self.methods.get(self.chosen)
+        return set_here if set_here in self.allowed else next(iter(self.allowed), None)
+
+    def settable(self):
+        """{name: (Param, value, kind)} of all that can be set in the target."""
+        target = self.target
+        if isinstance(target, ClosedLoop):
+            few = 10*(target.tau or target.dt or 0.1)  # s: ten samples
+            late = Param(unit="s", low=0.0, slider=(0.0, few),
+                         help="time from a sample until its control acts")
+            return target.settable() | {"method": (METHOD, self.method, Literal[self.allowed]),
+                                        "latency": (late, target.latency, float)}
+        return {n: (m, target.values[n], target.kinds.get(n, float))
+                for n, m in target.settable.items()}
 
     def put(self, target):
         """The state with another target in place of the chosen one."""
         return self._replace(offered=self.offered | {self.chosen: target})
+
+    def with_(self, **values):
+        """The state with values set in the target."""
+        methods = self.methods
+        if "method" in values and self.allowed:
+            method = chosen("mask", "method", values.pop("method"), self.allowed)
+            methods = methods | {self.chosen: method}
+        return self._replace(methods=methods).put(self.target.with_(**values))
 
 
 class Mask(W.VBox):
@@ -134,7 +184,7 @@ class Mask(W.VBox):
     values : dict
         {name: value} of what the form shows.
     widgets, entries : dict
-        {name: slider or checkbox} and {name: text entry}.
+        {name: slider or checkbox}, or all entries of a tuple, and {name: text entry}.
     choice : ipywidgets.Dropdown
         Which of several loops.
     page : Page
@@ -146,10 +196,11 @@ class Mask(W.VBox):
     entries: dict[str, W.Text]
 
     def __init__(self, target: Loops, include: Iterable[str] | None = None,
-                 tau: float | None = None):
+                 tau: float | None = None, dt: float | None = None):
         loops = offered("mask", target, Block, Channels, ClosedLoop)
-        self._state, self._shown, self._told = _State(next(iter(loops)), loops, loops), None, None
-        self._tau, self._include = tau, names("mask", "include", include)
+        self._state, self._shown = _State(next(iter(loops)), loops, loops, {}), None
+        self._told = None
+        self._tau, self._dt, self._include = tau, dt, names("mask", "include", include)
         self._forms, self._rows, self._lock = {}, {}, threading.RLock()
         self.page, self._status, self._body = Page(), W.HTML(), W.VBox()
         self.choice = W.Dropdown(options=list(loops))
@@ -177,9 +228,14 @@ class Mask(W.VBox):
         return self._state.chosen
 
     @property
+    def method(self) -> str | None:
+        """The integration method of the chosen loop; None of a block."""
+        return self._state.method
+
+    @property
     def values(self) -> dict[str, Any]:
         """{name: value} of what the form shows."""
-        now = _settable(self._state.target)
+        now = self._state.settable()
         return {n: now[n][1] for n in self.widgets}
 
     def set(self, **values: Any) -> None:
@@ -191,17 +247,21 @@ class Mask(W.VBox):
             An unknown name, or a value that its metadata does not allow; nothing has changed then.
         """
         def made():
-            before = self._state.target
-            target, now = before.with_(**values), _settable(before)
-            same = values.keys() <= now.keys() and _settable(target) == now
-            return self._state.put(before if same else target)
+            state, now = self._state.with_(**values), self._state.settable()
+            same = values.keys() <= now.keys() and state.settable() == now
+            return self._state.put(self._state.target) if same else state
 
         self._change(made)
 
     def reset(self) -> None:
         """Go back to the initial values."""
-        # a copy: observers hear of it even if nothing differs
-        self._change(lambda: self._state.put(self._state.given[self.chosen].with_()))
+        def made():
+            given, methods = self._state.given[self.chosen], dict(self._state.methods)
+            methods.pop(self.chosen, None)
+            # a copy: observers hear of it even if nothing differs
+            return self._state._replace(methods=methods).put(given.with_())
+
+        self._change(made)
 
     def offer(self, name: str, target: Loop) -> None:
         """Offer another loop or block, or another under a name, and choose it.
@@ -215,11 +275,13 @@ class Mask(W.VBox):
         more = offered("mask", {name: target}, Block, Channels, ClosedLoop)
 
         def made():
-            old, loops, given = self._state
+            old, loops, given, kept = self._state
             if [*loops] == [""]:  # one that needed no name
                 old = loops[""].name or "given"
-                loops, given, self._forms = ({old: q[""]} for q in (loops, given, self._forms))
-            state = _State(old, loops | more, given | more)
+                loops, given, self._forms, kept = (
+                    {n or old: v for n, v in q.items()}
+                    for q in (loops, given, self._forms, kept))
+            state = _State(old, loops | more, given | more, kept)
             return self._formed(state if old == name else self._brought(state, name))
 
         self._change(made)
@@ -236,18 +298,24 @@ class Mask(W.VBox):
         """Return {name: loop} of all, each in the vehicle and world of the chosen one, as set."""
         return {n: self._brought(self._state, n).target for n in self.offered}
 
+    @property
+    def methods(self) -> dict[str, str | None]:
+        """{name: integration method} of all, as `in_this_world` brings them along."""
+        return {n: self._brought(self._state, n).method for n in self.offered}
+
     def _brought(self, state, new):
         """The state with another choice, which takes the changes of vehicle and world along.
 
         A block takes all changes along, except of values in which the two are meant to differ. What
         is not allowed there stays behind.
         """
-        three = state.given[state.chosen], state.target, state.offered[new]
-        was, now, there = map(_settable, three)
+        made = state._replace(chosen=new)
+        was = state._replace(methods={}).put(state.given[state.chosen]).settable()
+        now, there = state.settable(), made.settable()
         block = isinstance(state.target, Block)
         carried = {n: v for n, (_, v, _) in now.items() if n in there and v != was[n][1]
-                   and (n.split("__")[0] in WORLD or block and there[n][1] == was[n][1])}
-        made = state.offered[new]
+                   and (n.split("__")[0] in (*WORLD, *SIMULATION)
+                        or block and there[n][1] == was[n][1])}
         # all at once, as they belong together, or one by one
         for some in (carried, *({n: v} for n, v in carried.items())):
             try:
@@ -256,13 +324,13 @@ class Mask(W.VBox):
                 continue
             if some is carried:
                 break
-        return state._replace(chosen=new).put(made)
+        return made
 
     def _formed(self, state):
         """The state, once there is a form for it; without a form, nothing is chosen."""
         given = state.given[state.chosen]
         if self._forms.get(state.chosen, (None,))[0] is not given:
-            self._forms[state.chosen] = given, *self._form(state.target)
+            self._forms[state.chosen] = given, *self._form(state)
         return state
 
     def _change(self, make):
@@ -304,7 +372,7 @@ class Mask(W.VBox):
         self.widgets = {n: row.widget for n, row in self._rows.items()}
         self.entries = {n: row.entry for n, row in self._rows.items() if row.entry}
         self._show_choice(state)
-        now = _settable(state.target)
+        now = state.settable()
         for n, row in self._rows.items():
             row.show(now[n][1])
         self.say()
@@ -319,7 +387,7 @@ class Mask(W.VBox):
     def _mend(self, page):
         """Let the controls show the state where they do not."""
         self._show_choice(self._state)
-        now = _settable(self._state.target)
+        now = self._state.settable()
         for n, row in self._rows.items():
             row.mend(now[n][1], page)
         if page:
@@ -333,12 +401,12 @@ class Mask(W.VBox):
             try:
                 with warnings.catch_warnings(record=True) as heard:
                     warnings.simplefilter("always")
-                    target = self._state.target.with_(**{name: value})
+                    state = self._state.with_(**{name: value})
             except ParameterError:
                 row.mark(True)  # what was typed stays, to be corrected
                 raise
             remarks.extend(heard)
-            return self._state.put(target)
+            return state
 
         with self._lock:
             before = self._state
@@ -361,24 +429,36 @@ class Mask(W.VBox):
         except ParameterError as why:
             self.say(f"{why}.", refused=True)
 
-    def _form(self, target):
+    def _form(self, state):
         """Rows {name: Row} and groups of the form."""
-        known = {n: q for n, q in _settable(target).items() if not q[0].hidden}
+        target = state.target
+        known = {n: q for n, q in state.settable().items() if not q[0].hidden}
         include = self._include
         for i in include or ():
             if not any(n == i or n.startswith(f"{i}__") for n in known):
                 raise unknown("mask: include", i, known)
         chosen = [n for n in known if include is None
                   or any(n == i or n.startswith(f"{i}__") for i in include)]
-        shared = dict(layout=W.Layout(), slider=W.SliderStyle(), text=TextStyle())
-        grid = (self._tau or target.tau or target.dt) if isinstance(target, ClosedLoop) else None
-        rows = {n: Row(n, *known[n], self._asked, shared, grid) for n in chosen}
-        units = {n: f" {q[0].unit}"*(q[0].unit != "1") for n, q in known.items()}
-        self.page.tell({css_class(n): (n.replace("__", " ") + units[n], known[n][0].log)
-                        for n in chosen})
-        groups = [(title, b, [rows[n].box for n in group if n in rows], folded and include is None)
+        groups = [(title, b, [n for n in group if n in chosen], folded and include is None)
                   for title, b, group, folded in _groups(target)]
-        return rows, [_Fold(*group, shared) for group in groups if group[2]]
+        titles = {n: q for _, _, group, _ in groups for n, q in _titles(group, known).items()}
+        shared = dict(layout=W.Layout(), slider=W.SliderStyle(), text=TextStyle())
+        rows = {n: Entries(n, titles[n], *known[n], self._asked, shared)
+                if isinstance(known[n][1], tuple) else
+                Row(n, titles[n], *known[n], self._asked, shared,
+                    self._grid(target, n, known[n][0])) for n in chosen}
+        self.page.tell(dict(q for n, row in rows.items() for q in _told(n, known[n][0], row)))
+        return rows, [_Fold(title, b, [rows[n].box for n in group], folded, shared)
+                      for title, b, group, folded in groups if group]
+
+    def _grid(self, target, name, meta):
+        """The step of a time that is counted in samples, or in steps of the run [s], or None."""
+        if not isinstance(target, ClosedLoop):
+            return None
+        dt = self._dt or target.dt
+        tau = (self._tau or target.tau or dt) if meta.samples else None
+        grid = dt if name == "latency" else tau
+        return grid if grid and grid > 0.0 else None
 
 
 def mask(target: Loops, include: Iterable[str] | None = None) -> Mask:

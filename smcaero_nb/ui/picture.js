@@ -18,6 +18,10 @@ async function render({ model, el }) {
   el.classList.add("smcaero-picture");
   el.appendChild(box);
   const plotly = await loaded(model), [curves, view] = await Promise.all(["curves", "view"].map(q => beside(model, q)));
+  if (["localhost", "127.0.0.1", "[::1]"].includes(location.hostname) && !view.get("near")) {
+    view.set("near", true);
+    view.save_changes();
+  }
 
   // What a plot of several columns leaves between them: room for titles and numbers, however narrow it is.
   const spread = (layout, width) => {

@@ -20,6 +20,10 @@ from plotly.offline import get_plotlyjs
 __all__ = ["Download", "Picture"]
 
 HERE = pathlib.Path(__file__).parent
+# bytes: on its own machine TCP passes on a packet of up to 64 KiB at once if it is full; a smaller
+# one waits, where Jupyter's server is the sender, until the page acknowledges the one before, and
+# that takes 40 ms
+FULL = 65_536
 
 
 class _Code(W.Widget):
@@ -39,22 +43,24 @@ class _Curves(W.Widget):
     drawing = traitlets.Dict().tag(sync=True)  # traces and layout, without the numbers
     x = traitlets.List().tag(sync=True)
     y = traitlets.List().tag(sync=True)
+    filling = traitlets.Bytes().tag(sync=True)  # so that the message fills a packet
     behind = traitlets.List().tag(sync=True)  # [number of a trace, x, y]: as it was before, in grey
     state = traitlets.Unicode().tag(sync=True)  # of what is drawn: "" as set, "old", "gone"
 
 
 class _View(W.Widget):
-    """What the page has zoomed to: [from, to] on the axis of time, or nothing."""
+    """What the page tells."""
 
-    span = traitlets.List().tag(sync=True)
+    span = traitlets.List().tag(sync=True)  # zoomed to: [from, to] on the axis of time, or nothing
+    near = traitlets.Bool(False).tag(sync=True)  # it is on the machine of the server
 
 
 class Picture(anywidget.AnyWidget):
     """Traces and layout, drawn by plotly.js.
 
     The curves are state, not messages as in plotly's own FigureWidget: a page that loads slowly, or
-    is reloaded, draws the current ones. The page answers nothing but what it has zoomed to, in a
-    model of its own, `view`; so any thread may change the curves.
+    is reloaded, draws the current ones. The page answers nothing but where it is and what it has
+    zoomed to, in a model of its own, `view`; so any thread may change the curves.
     """
 
     _esm = HERE / "picture.js"
@@ -81,7 +87,8 @@ class Picture(anywidget.AnyWidget):
                 for t, numbers in zip(drawn["data"], sent, strict=True)]
         with self.curves.hold_sync():
             self.curves.drawing = dict(traces=bare, layout=drawn["layout"])
-            self.move(*([numbers[k] for numbers in sent] for k in "xy"), behind)
+            x, y = ([numbers[k] for numbers in sent] for k in "xy")
+            self.move(x, y, behind)
 
     def move(self, x: Iterable, y: Iterable,
              behind: Iterable[tuple[int, Any, Any]] = ()) -> None:
@@ -90,6 +97,8 @@ class Picture(anywidget.AnyWidget):
             self.curves.x, self.curves.y = ([_bytes(q) for q in values] for values in (x, y))
             self.curves.behind = [[n, _bytes(a), _bytes(b)] for n, a, b in behind]
             self.curves.state = ""
+            if self.view.near:  # of another size than before, or it would not be sent
+                self.curves.filling = bytes(FULL + (len(self.curves.filling) == FULL))
 
 
 def _bytes(values):

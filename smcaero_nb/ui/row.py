@@ -9,9 +9,9 @@ from typing import Any, get_args
 import ipywidgets as W
 
 from ..core import Param
-from .text import label
+from ..core.signal import flat
 
-__all__ = ["Row", "css_class", "written"]
+__all__ = ["Entries", "Row", "css_class", "written"]
 
 
 def css_class(name: str) -> str:
@@ -20,10 +20,20 @@ def css_class(name: str) -> str:
 
 
 def written(value: Any) -> str:
-    """Return a number as an entry shows it; of a list, the choice."""
+    """Return a number as an entry shows it; of a list, the choice; of a tuple, all its entries."""
     if isinstance(value, str):
         return value
+    if isinstance(value, tuple):
+        return f"({', '.join(map(written, value))})"
     return re.sub(r"e([+-])0*", lambda m: "e" + m[1].strip("+"), f"{value:.6g}")
+
+
+def typed(text: str) -> float | str:
+    """Return the number that a text says, or the text, which validation then refuses."""
+    try:
+        return float(text)
+    except ValueError:
+        return text.strip()
 
 
 def _span(meta, value):
@@ -33,6 +43,8 @@ def _span(meta, value):
     """
     low, high = meta.slider or (meta.low, meta.high)
     reach = 4*abs(value) or 1.0
+    if isinstance(value, int) and not meta.slider and high > 1000*reach:
+        high = reach
     fine = meta.log or isinstance(value, int) or not math.isfinite(high - low)
     if not fine and 0.0 < abs(value) < 3*_step(high - low):
         low, high = max(low, -reach), min(high, reach)
@@ -54,8 +66,8 @@ class Row:
 
     Parameters
     ----------
-    name : str
-        Of the parameter.
+    name, title : str
+        Of the parameter, and what the row is called.
     meta : Param
     value : float, int, bool or str
     kind : type
@@ -65,7 +77,7 @@ class Row:
     shared : dict
         Layout and styles that all rows share.
     grid : float or None
-        Step of the slider of a time that is counted in samples [s].
+        Step of the slider of a time that is counted in samples, or in steps of the run [s].
 
     Attributes
     ----------
@@ -83,9 +95,10 @@ class Row:
 
     widget: Any  # only a slider has limits and a step
 
-    def __init__(self, name: str, meta: Param, value: Any, kind: Any,
+    def __init__(self, name: str, title: str, meta: Param, value: Any, kind: Any,
                  asked: Callable[[str, Any], object], shared: dict[str, Any], grid: float | None):
-        say = dict(description=label(name, meta), tooltip=meta.help, layout=shared["layout"])
+        say = dict(description=title, tooltip=meta.help or name.replace("__", " "),
+                   layout=shared["layout"])
         self.meta, self.kind, self.entry, self.told = meta, kind, None, []
         self.value, self.refused = value, False
         self._placed = self._written = None  # where a program has put slider and entry
@@ -96,8 +109,8 @@ class Row:
             self.widget = self.box = W.Dropdown(options=get_args(kind), value=value, **say)
         else:
             self.widget = self._slider(grid, dict(say, readout=False, style=shared["slider"]))
-            self.entry = W.Text(continuous_update=False, tooltip=meta.help, layout=shared["layout"],
-                                style=shared["text"])
+            self.entry = W.Text(continuous_update=False, tooltip=say["tooltip"],
+                                layout=shared["layout"], style=shared["text"])
             self.entry.observe(self._entered, "value")
             self.box = W.HBox([self.widget, self.entry], layout=shared["layout"])
         self.log = isinstance(self.widget, W.FloatLogSlider)
@@ -109,8 +122,8 @@ class Row:
         meta = self.meta
         low, high = _span(meta, self.value)
         step = _step(high - low)
-        if meta.samples and grid:  # a slider that stops at multiples of it only
-            low, high, step = grid, grid*max(round(high/grid), 1), grid
+        if grid:  # a slider that stops at multiples of it only
+            low, high, step = grid*meta.samples, grid*max(round(high/grid), 1), grid
         if self.kind is int:
             return W.IntSlider(self.value, math.floor(low), math.ceil(high), **look)
         if meta.log:
@@ -120,7 +133,7 @@ class Row:
 
     def _entered(self, change):
         if change.new != self._written:
-            self._ask(self.typed(change.new))
+            self._ask(typed(change.new))
 
     def _slid(self, change):
         if change.new != self._placed and self.moved(change.new):
@@ -157,13 +170,6 @@ class Row:
             v = self.kind(f"{v:.3g}" if self.log else f"{v:.6g}")
         return min(max(v, self.meta.low), self.meta.high) if self.entry else v
 
-    def typed(self, text: str) -> float | str:
-        """Return the number that a text says, or the text, which validation then refuses."""
-        try:
-            return float(text)
-        except ValueError:
-            return text.strip()
-
     def show(self, value: Any, pull: bool = False) -> None:
         """Show a value in the entry, unless what was typed says the same, and on the slider.
 
@@ -174,7 +180,7 @@ class Row:
         if self.entry is None:
             self._placed = self.widget.value = value
             return
-        same = self.typed(self.entry.value) == value
+        same = typed(self.entry.value) == value
         self._written = self.entry.value if same else written(value)
         self.entry.value = self._written
         if self.from_page() and not pull:
@@ -203,7 +209,7 @@ class Row:
             return self.refused or self.widget.value == self.value
         near = abs(self.place(self.widget.value) - self.place(self.at(self.value))) < 0.75
         text = self.entry.value
-        return near and (text == written(self.value) or self.typed(text) == self.value)
+        return near and (text == written(self.value) or typed(text) == self.value)
 
     def mend(self, value: Any, page: bool) -> None:
         """Show `value` where Ctrl-C left something else; send it to the page too, if `page`."""
@@ -218,3 +224,106 @@ class Row:
         if refused:
             self._placed = self._written = None
         (self.box.add_class if refused else self.box.remove_class)("smcaero-refused")
+
+
+class Entries:
+    """The entries of a parameter that is a tuple, or a matrix; each sets it whole.
+
+    Parameters
+    ----------
+    name, title : str
+        Of the parameter, and what its row is called.
+    meta : Param
+    value : tuple of float, or of rows of them
+    kind : type
+    asked, shared
+        As in `Row`.
+
+    Attributes
+    ----------
+    box, widget : ipywidgets.HBox
+        The whole row.
+    texts : dict of tuple to ipywidgets.Text
+        The entries by index.
+    value : tuple
+        The value shown.
+    """
+
+    entry, log = None, False
+
+    def __init__(self, name: str, title: str, meta: Param, value: tuple, kind: Any,
+                 asked: Callable[[str, Any], object], shared: dict[str, Any]):
+        self.name, self.value, self.kind, self._written = name, value, kind, {}
+        self._ask = functools.partial(asked, name)
+        help = meta.help or name.replace("__", " ")
+        self.texts = {at: W.Text(continuous_update=False, tooltip=help, layout=shared["layout"],
+                                 style=shared["text"]) for at in _places(value)}
+        for at, text in self.texts.items():
+            text.add_class(f"smcaero-set-{self._marked(at)}")
+            text.observe(functools.partial(self._entered, at), "value")
+        lines: dict[tuple, list] = {}
+        for at, text in self.texts.items():
+            lines.setdefault(at[:-1], []).append(text)
+        rows = W.VBox([W.HBox(q, layout=shared["layout"]) for q in lines.values()],
+                      layout=shared["layout"])
+        self.box = self.widget = W.HBox([W.Label(title, tooltip=help), rows],
+                                        layout=shared["layout"])
+        for mark in ("row", "entries", f"set-{css_class(name)}"):
+            self.box.add_class(f"smcaero-{mark}")
+        self.show(value)
+
+    def _entered(self, at, change):
+        if change.new != self._written.get(at):
+            self._typed, entry = at, typed(change.new)
+            if self.kind is bool:
+                entry = {0.0: False, 1.0: True}.get(entry, entry)
+            self._ask(_put(self.value, at, entry))
+
+    def names(self, name: str) -> dict[str, str]:
+        """Return {CSS class: what the entry is} of each entry, after the name of the parameter."""
+        return {self._marked(at): f"{name} {', '.join(str(i + 1) for i in at)}"
+                for at in self.texts}
+
+    def _marked(self, at):
+        return "-".join([css_class(self.name), *map(str, at)])
+
+    def show(self, value: tuple) -> None:
+        """Show a value, and leave what was typed where it says the same."""
+        self.mark(False)
+        self.value = value
+        for (at, text), v in zip(self.texts.items(), flat(value), strict=True):
+            self._written[at] = text.value if typed(text.value) == v else written(v)
+            text.value = self._written[at]
+
+    def mend(self, value: tuple, page: bool) -> None:
+        """Show `value` where Ctrl-C left something else; send it to the page too, if `page`."""
+        if self.value != value or not self.true():
+            self.show(value)
+        for text in self.texts.values() if page else ():
+            text.send_state("value")
+
+    def true(self) -> bool:
+        """Return whether the entries show the value, or one that was refused."""
+        return all(text.value == self._written.get(at) for at, text in self.texts.items()
+                   if "smcaero-refused" not in text._dom_classes)
+
+    def mark(self, refused: bool) -> None:
+        """Mark the entry that was typed last as refused, or none; it may be asked for again."""
+        if refused:
+            self._written.pop(self._typed, None)
+            self.texts[self._typed].add_class("smcaero-refused")
+        else:
+            for text in self.texts.values():
+                text.remove_class("smcaero-refused")
+
+
+def _places(value):
+    """The indices of the entries, (i,) or (i, j)."""
+    for i, v in enumerate(value):
+        yield from ((i, *q) for q in _places(v)) if isinstance(v, tuple) else [(i,)]
+
+
+def _put(value, at, entry):
+    """The value with another entry at an index."""
+    i, *rest = at
+    return (*value[:i], _put(value[i], rest, entry) if rest else entry, *value[i + 1:])

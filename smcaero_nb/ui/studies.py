@@ -55,6 +55,10 @@ class Study(W.VBox):
         """{name: loop} as set now, all in the same world."""
         return self._mask.in_this_world() if self._mask else self._given
 
+    def _method(self, name):
+        """The integration method of a loop: as set in the mask, else the loop's own."""
+        return self._mask.methods[name] if self._mask else None
+
     def wait(self) -> None:
         """Wait until the picture is there; Ctrl-C cancels it."""
         self.job.wait()
@@ -184,10 +188,11 @@ class Compare(Study):
             def part(q, i=i):
                 progress((i + q)/len(asked))
 
+            times: dict[str, Any] = self._times | dict(method=self._method(name))
             if name not in runs:
-                runs[name] = simulate(loop, **self._times, record=ROWS, progress=part)
+                runs[name] = simulate(loop, **times, record=ROWS, progress=part)
             if len(runs[name].t):
-                shown[name] = zoomed(loop, runs[name], span, self._times, simulate, part)
+                shown[name] = zoomed(loop, runs[name], span, times, simulate, part)
         self.runs, self._span = runs, span
         # without the states of the laws: each has its own
         several = len(shown) > 1
@@ -195,7 +200,8 @@ class Compare(Study):
                       if c.row != LAW] for n, r in shown.items()}
         self._show(draw(curves), comparison_html(runs))
         lost = [f"{n} {why_diverged(r)}" for n, r in runs.items() if r.diverged_at is not None]
-        return "; ".join(lost), True
+        doubtful = [f"{n}: {q}." for n, r in runs.items() for q in r.doubts()]
+        return "\n".join([*lost, *doubtful]), bool(lost)
 
 
 class Certificate(Study):
@@ -236,7 +242,7 @@ class Certificate(Study):
     def _study(self, asked, progress):
         name, loop = asked
         self.result, self._below.children = None, []
-        self.result = accuracy(loop, **self._times, progress=progress)
+        self.result = accuracy(loop, **self._times, method=self._method(name), progress=progress)
         self._show(figure(self.result))
         self._told = f"{name}: "*(name != "") + self.result.explain()
         return self._told, False
@@ -279,7 +285,8 @@ def compare(source: Live | Mapping[str, ClosedLoop]) -> Compare:
 def certificate(source: Live | ClosedLoop) -> Certificate:
     """Show a button that measures the order of sliding of a loop as set.
 
-    The order is the slope of the loop's accuracy over the sampling step.
+    The order is the slope of the loop's accuracy over the sampling step. It is shown from this
+    start and under this perturbation, not proved for others.
 
     Parameters
     ----------

@@ -8,13 +8,15 @@ import inspect
 import itertools
 import math
 import re
+from collections.abc import Iterable
 from typing import Any
 
 from ..core import BlockError, Param, ParameterError, Run
 from ..core.signal import flat
 
-__all__ = ["UNKNOWN", "alternative", "doc_html", "label", "measure", "plain", "result_html",
-           "said_html", "shown", "symbol", "unit_html", "unmarked", "why_diverged", "why_not"]
+__all__ = ["UNKNOWN", "alternative", "doc_html", "doubts_text", "label", "measure", "plain",
+           "result_html", "said_html", "shown", "symbol", "unit_html", "unmarked", "why_diverged",
+           "why_not"]
 
 LETTERS = dict(zip(
     "alpha beta gamma delta epsilon varepsilon zeta eta theta vartheta iota kappa lambda mu nu xi "
@@ -31,6 +33,7 @@ TOKEN = re.compile(r"(\\text\{[A-Za-z\d .,-]*\})|(\\[A-Za-z]+)\s*|(\\.|'+|.)", r
 GLYPH = re.compile(r"[^\W_]|[ ()\[\]|+\-=/.,:;!?*@]")
 WORD = re.compile("[A-Za-z]{2}[A-Za-z_ ]*")
 LONGEST = 99  # characters of a symbol; what is longer is prose
+FEW = 3  # lines of a message that are shown at once
 UNKNOWN = "\u2013"
 POWER = r"\^(-?\d+(?:/\d+)?|n)"
 UNIT = re.compile(rf"(?!.*{POWER}\^)(?:[^\W_]|[ /*().,+\-\[\]·°]|{POWER})*+")  # what MathJax takes
@@ -185,8 +188,18 @@ def alternative(places: Any, runs: Any) -> str:
 
 
 def said_html(text: str, refused: bool) -> str:
-    """Return a message, as a refusal or as a remark."""
-    return text and f'<span class="smcaero-{"bad" if refused else "good"}">{plain(text)}</span>'
+    """Return a message, as a refusal or as a remark; of many lines, the last ones fold away."""
+    few, more = (lines := [plain(q) for q in text.split("\n")])[:FEW], lines[FEW:]
+    said = "<br>".join(few)
+    if more:
+        said += f"<details><summary>and {len(more)} more</summary>{'<br>'.join(more)}</details>"
+    return said and f'<span class="smcaero-{"bad" if refused else "good"}">{said}</span>'
+
+
+def doubts_text(doubts: Iterable[str]) -> str:
+    """Return what speaks against a run, a line each."""
+    lines = [f"{q}." for q in doubts]
+    return "In doubt: " + "\n".join(lines) if lines else ""
 
 
 def why_not(error: BaseException) -> str:
@@ -259,7 +272,8 @@ def why_diverged(run: Run) -> str:
         return "diverged at 0 s: the start is beyond the limits of the plant"
     about = flat(loop.metadata("y") or ())
     signals = [("y", v, m) for v, m in zip(flat(run.y), about, strict=False) if m]
-    signals += [(n, getattr(run.x, n), m) for n, m in loop.stages["plant"].states.items()]
+    signals += [(n, v, m) for n, m in loop.stages["plant"].states.items()
+                for v in flat(getattr(run.x, n))]
     used = {}
     for name, values, meta in signals:
         bound = meta.high if values[-1] > 0 else -meta.low

@@ -185,6 +185,13 @@ def film_is_scrubbed_and_played(nb):
     play.click()
     nb.page.wait_for_function(f"() => {SECONDS} > 2")
     play.click()
+    film.locator("select").select_option("2 s a picture")
+    scrubbed("End", f"{SECONDS} > 230")
+    for _ in range(70):  # a few seconds before the end
+        handle.press("ArrowLeft")
+    play.click()
+    moment = film.locator(".smcaero-moment")
+    until(nb, lambda: "touchdown" in moment.text_content())  # which is the last moment of the run
 
 
 def test_there_are_notebooks():
