@@ -4,12 +4,13 @@ For relative degree r, sigma = e^(r-1) + c_(r-2) e^(r-2) + ... + c_0 e + c_-1 in
 """
 
 from collections.abc import Sequence
+from inspect import cleandoc
 from typing import Annotated
 
 import numpy as np
 
 from .core import Block, Param, ParameterError, block
-from .core.block import wanted
+from .core.block import Buffer, wanted
 from .core.card import Surface
 from .core.family import family, written
 from .core.param import refused, relative_degree, said, several, switch
@@ -272,6 +273,15 @@ def polynomial(c: Sequence[float], integral: bool = True, derivative: bool | str
 
 OFFSET = Param(r"\zeta", "[v] s", slider=(-10.0, 10.0),
                help="integral of the nominal law, less the highest derivative at the start")
+AROUND = r"""Integral sliding mode around {name}, relative degree {r}.
+
+.. math:: \sigma = e^{{({last})}} - e^{{({last})}}(0) + \int_0^t v_0\,dt
+
+On sigma = 0, from the first sample on, the error moves as under the nominal law v_0 alone. The law
+has to supply v_0 too: a relay needs \|xi + v_0\| < rho. V. I. Utkin and J. Shi, 1996; see
+`integral_sliding`. The nominal law v_0 is:
+
+"""
 STARTED = Param("started", "1", low=0.0, high=1.0,
                 help="0: begins on sigma = 0; 1: begins with the offset that is given")
 
@@ -354,9 +364,10 @@ def integral_sliding(r: int, nominal: Block) -> Block:
     names |= {f"A_{n}": Annotated[nominal.kinds[n], m] for n, m in nominal.params.items()}
     signals = dict.fromkeys(("e", *(n for n in nominal.signals if n != "sigma"), "z", "tau"))
     arguments = [*signals, *(f"{n}: A_{n} = {nominal.values[n]!r}" for n in nominal.params)]
-    doc = f"{integral_sliding.__doc__}\n\nThe nominal law: {nominal.__doc__}"
+    doc = AROUND.format(r=r, last=r - 1, name=nominal.name) + cleandoc(nominal.__doc__ or "")
     f = written("integral_sliding", ", ".join(arguments), "\n".join(body), names, doc)
-    kept = {n: (nominal.values[n], m) for n, m in nominal.states.items()}
+    kept = {n: Buffer(nominal.values[n], nominal.buffers[n]) if n in nominal.buffers
+            else (nominal.values[n], m) for n, m in nominal.states.items()}
     own = dict(offset=(0.0, OFFSET), started=(0.0, STARTED))
 
     def together(values):

@@ -646,7 +646,7 @@ def finite(run):
         return all(map(of, v)) if isinstance(v, tuple) else bool(np.all(np.isfinite(v)))
 
     unknown = () if run.tail else ("tail_e", "tail_sigma", "tail_u", "tail_peaks")
-    other = ("loop", "diverged_at", "ended", "_leaves", "_shapes", *unknown)
+    other = ("loop", "diverged_at", "ended", "method", "_leaves", "_shapes", *unknown)
     return of({k: v for k, v in vars(run).items() if k not in other and v is not None})
 
 

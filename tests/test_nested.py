@@ -179,6 +179,25 @@ def test_an_array_of_a_wrong_length_or_kind_is_refused():
             simulate(ClosedLoop(plant, duration=1.0, dt=0.1))
 
 
+def test_plants_as_people_write_them_run_or_are_told_what_to_write_instead():
+    class Vehicle:
+        k = 2.0
+
+        def rates(self, x, u, d):
+            return x[1], -self.k*x[0] - x[1] + u + d
+
+    start, constants = dict(p=1.0, v=0.0), dict(k=2.0)
+    for rate, said in (
+            (lambda x: [x[1], -2.0*x[0]], r"returned \[0.0, -2.0\]; write \(a, b\) in place of \["),
+            (Vehicle().rates, r"not of <bound .*; write a function .* def rates\(x, u, d, k=2.0\)"),
+            (lambda x: (x[1], -constants["k"]*x[0]), r"numbers of a dict .* as parameters")):
+        with pytest.raises(BlockError, match=said):
+            simulate(ClosedLoop(block(state=start)(rate), duration=1.0, dt=0.1))
+    law = block(state=start)(lambda e, z, tau: (0.0, [1.0, 2.0]))
+    with pytest.raises(BlockError, match=r"next z a tuple of 2 \(p, v\); .* in place of \["):
+        simulate(ClosedLoop(swing, law=law, duration=1.0, dt=0.1))
+
+
 # ---- buffers -------------------------------------------------------------------------------------
 @block(state=dict(late=Buffer(5)))
 def delay(y, z, tau):

@@ -12,7 +12,7 @@ from published import ITAE, SLIDING_VARIABLES
 from scipy.linalg import expm
 
 import smcaero_nb as smc
-from smcaero_nb import BlockError, ClosedLoop, ParameterError, block, simulate
+from smcaero_nb import BlockError, Buffer, ClosedLoop, ParameterError, block, simulate
 from smcaero_nb.surface import TABLES, coefficients, integral_sliding, itae, polynomial
 
 DEGREES = [(table, p) for table, polynomials in TABLES.items() for p in polynomials]
@@ -350,7 +350,10 @@ def test_under_a_matched_perturbation_the_nominal_motion_is_followed(nominal):
 def test_integral_sliding_shows_its_nominal_law_and_what_the_law_opposes():
     surface = integral_sliding(2, NOMINAL)
     assert list(surface.settable) == ["k_p", "k_d", "offset", "started"]
-    assert surface.settable["k_p"] == smc.pid.pd.params["k_p"] and "v = k_p" in surface.__doc__
+    assert surface.settable["k_p"] == smc.pid.pd.params["k_p"]
+    assert surface.__doc__.startswith("Integral sliding mode around pd, relative degree 2.\n\n")
+    assert r"\int_0^t v_0\,dt" in surface.__doc__ and "\nReferences\n---" in surface.__doc__
+    assert "v = k_p" in surface.__doc__ and "e^{(1)}" in surface.__doc__
     assert surface.code() == ("smc.surface.integral_sliding(2, "
                               "smc.pid.pd.with_(k_p=4.0, k_d=3.0))")
     run = simulate(SLIDING, 0.5, method="rk4")
@@ -375,6 +378,23 @@ def test_a_nominal_law_with_memory_keeps_its_states_and_its_check():
         surface.with_(alpha=0.99)
     one = integral_sliding(1, smc.smc1.quasi_smc)
     assert one((0.4, 7.0), one.z0, 0.5) == one(0.4, one.z0, 0.5) == (0.0, (-0.4 + 0.5*1.6, 1.0))
+
+
+@block(state=dict(late=Buffer(3, 0.1), q=(0.0, 0.0)))
+def late_pd(e, z, tau, k=(4.0, 3.0)):
+    """With a delayed rate, a state and a parameter of two numbers."""
+    late, q = z
+    return k[0]*e[0] + k[1]*late, (e[1], (q[0] + tau, late))
+
+
+def test_a_nominal_law_may_have_buffers_and_tuples():
+    surface = integral_sliding(2, late_pd)
+    assert surface.z0 == (0.1, (0.0, 0.0), 0.0, 0.0)
+    assert surface.with_(k=(2.0, 1.0)).values["k"] == (2.0, 1.0)
+    loop = SLIDING.with_(surface=surface, duration=1.0)
+    compiled, plain = simulate(loop), simulate(loop, jit=False)
+    assert np.array_equal(compiled.sigma, plain.sigma) and abs(plain.sigma).max() < 0.02
+    assert compiled.z.surface.offset[-1] == plain.z.surface.offset[-1]
 
 
 @block

@@ -78,7 +78,9 @@ class Block:
     def __init__(self, f: Callable, state: dict, output: Param | tuple | None = None,
                  check: Callable | None = None, card: Card | None = None):
         if not inspect.isfunction(f):
-            raise BlockError(f"block: a block is made of a plain function, not of {said(f)}")
+            way = ("; write a function of x, u, ... and make the object's numbers its parameters, "
+                   f"def {f.__name__}(x, u, d, k=2.0)")*inspect.ismethod(f)
+            raise BlockError(f"block: a block is made of a plain function, not of {said(f)}{way}")
         if f.__code__.co_flags & (inspect.CO_VARARGS | inspect.CO_VARKEYWORDS):
             raise BlockError(f"block: {f.__name__} takes *args or **kwargs, but arguments are "
                              "wired by their names; write out each signal and parameter")

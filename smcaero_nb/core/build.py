@@ -91,7 +91,8 @@ def _uncompilable(program: Program, loop: Any, values: dict, why: Exception) -> 
             if reason := _refusal(b.f, args):
                 where = f"{program.places[name][0]} '{b.name}'"
                 return BlockError(f"{where} cannot be compiled{_place(reason)}: {_first(reason)}. "
-                                  "A block may use floats, tuples, math and plain functions; "
+                                  "A block may use floats, tuples, math and plain functions, and "
+                                  "has the numbers of a dict or an object as parameters (k=2.0); "
                                   "simulate(..., jit=False) runs it as plain Python")
     return BlockError(f"the loop cannot be compiled: {_first(why)}")
 

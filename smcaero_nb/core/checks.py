@@ -21,21 +21,21 @@ def check(where: str, got: Any, states: dict[str, Any], stage: str) -> None:
     `states` has the shape of each state; arrays are taken as tuples.
     """
     names = listed(n if s is None else f"{n}: {size(s)}" for n, s in states.items())
-    got, wanted = tuples(got), tuple(states.values())
+    got, wanted, must = tuples(got), tuple(states.values()), ""
     if stage != "plant" and states:
-        if not (isinstance(got, tuple) and len(got) == 2 and shape(got[1]) == wanted):
-            raise BlockError(f"{where} must return (output, next z), next z a tuple of "
-                             f"{len(states)} ({names}); it returned {said(got)}")
-        got = got[0]
+        if isinstance(got, tuple) and len(got) == 2 and shape(got[1]) == wanted:
+            got = got[0]
+        else:
+            must = f"(output, next z), next z a tuple of {len(states)} ({names})"
     if stage == "plant" and shape(got) != wanted:
-        raise BlockError(f"{where} must return dx/dt as a tuple of {len(states)} ({names}); "
-                         f"it returned {said(got)}")
-    if stage == "stop" and isinstance(got, tuple):
-        raise BlockError(f"{where} must return a float, what is left until the run ends; "
-                         f"it returned {said(got)}")
-    if (isinstance(got, tuple) and not got) or not all(map(_float, flat(got))):
-        raise BlockError(f"{where} must return a float or a tuple of floats; "
-                         f"it returned {said(got)}")
+        must = f"dx/dt as a tuple of {len(states)} ({names})"
+    elif stage == "stop" and isinstance(got, tuple):
+        must = "a float, what is left until the run ends"
+    elif not must and (isinstance(got, tuple) and not got or not all(map(_float, flat(got)))):
+        must = "a float or a tuple of floats"
+    if must:
+        way = any(isinstance(q, list) for q in flat(got))*"; write (a, b) in place of [a, b]"
+        raise BlockError(f"{where} must return {must}; it returned {said(got)}{way}")
 
 
 def _float(value: Any) -> bool:

@@ -8,12 +8,12 @@ followed passes, a decaying one that becomes a growing one does not.
 import functools
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .exact import integral
-from .linear import given, jacobian, motion, vector
+from .linear import given, jacobian, motion, row, vector
 from .program import METHODS, methods
 
 if TYPE_CHECKING:
@@ -21,8 +21,9 @@ if TYPE_CHECKING:
 
 __all__ = ["faithful", "step_doubts"]
 
-TOLERANCE = 0.1  # of the amplitude
-SHORT = 6.0  # steps: a mode that dies out within them does no harm
+TOLERANCE = 0.15  # of the amplitude
+PROPOSED = 0.05  # the same of a step or method that is proposed
+SHORT = 4.0  # steps: a mode that dies out within them does no harm
 OVERSHOOT = 0.1  # of a first-order lag that changes its sign from step to step
 ROWS = 5  # at which a nonlinear plant is linearised
 SEEN = 12  # rows at which the motion of a mode is looked at
@@ -30,7 +31,8 @@ FREE = 0.1  # share of a mode's motion that has to be its own
 FINEST = 1e-6  # of the step, the finest that is proposed
 
 
-def faithful(modes: np.ndarray, factors: np.ndarray, dt: float, steps: int) -> np.ndarray:
+def faithful(modes: np.ndarray, factors: np.ndarray, dt: float, steps: int,
+             tolerance: float = TOLERANCE) -> np.ndarray:
     r"""Return which modes a method follows over a run.
 
     Parameters
@@ -43,36 +45,42 @@ def faithful(modes: np.ndarray, factors: np.ndarray, dt: float, steps: int) -> n
         Integration step [s].
     steps : int
         Number of steps of the run.
+    tolerance : float
+        Of the amplitude.
 
     Notes
     -----
     With the error of the exponent, :math:`\epsilon = \ln R - \lambda dt`, and the memory of the
     mode, :math:`n = 1/|\mathrm{Re}\,\lambda dt|` steps or, if fewer, those of the run, a mode is
     followed if the amplitude that it is driven to at its own frequency, proportional to
-    :math:`1/|1 \pm n\epsilon|` (minus for one that decays), is right to 10 %. For a mode that does
+    :math:`1/|1 \pm n\epsilon|` (minus for one that decays), is right to 15 %. For a mode that does
     not decay within the run that is the error of its growth over the run; for a lightly damped one
     it is the error of its damping, and of its frequency as far as it leaves the resonance. Longer
     than its memory no error of a mode adds up.
 
-    A mode that in truth and in the run dies out within 6 steps is at its quasi-static value, which
+    A mode that in truth and in the run dies out within 4 steps is at its quasi-static value, which
     every method has right; it passes, unless it overshoots by more than 10 %, changing its sign
     from step to step.
     """
     z = modes*dt
+    rate = np.real(z)
     with np.errstate(all="ignore"):
         error = np.log(factors.astype(complex)) - z
         error.imag = (error.imag + math.pi) % (2.0*math.pi) - math.pi
-        memory = np.minimum(steps, 1.0/np.abs(z.real))
-        drift = 1.0 + np.where(z.real > 0.0, memory, -memory)*error
-        near = (drift.real > 0.0) & (np.abs(np.log(np.abs(drift))) <= TOLERANCE)
-    dead = (z.real < -1.0/SHORT) & (np.abs(factors) < math.exp(-1.0/SHORT))
+        memory = np.minimum(steps, 1.0/np.abs(rate))
+        drift = 1.0 + np.where(rate > 0.0, memory, -memory)*error
+        near = (drift.real > 0.0) & (np.abs(np.log(np.abs(drift))) <= tolerance)
+    dead = (rate < -1.0/SHORT) & (np.abs(factors) < math.exp(-1.0/SHORT))
     return near | dead & (factors.real > -OVERSHOOT)
 
 
 class _Plant:
     """A linearised plant: its modes, and the factor of each in one step of a method."""
 
-    def __init__(self, J: np.ndarray, A: np.ndarray | None):
+    modes: np.ndarray
+    vectors: np.ndarray
+
+    def __init__(self, J: np.ndarray, A: Any):
         self.J, self.A = J, A
         self.modes, self.vectors = (q.astype(complex) for q in np.linalg.eig(J))
 
@@ -95,18 +103,19 @@ class _Plant:
         change = whole @ (self.J + (self.J - self.A) @ half @ self.J) @ self.vectors
         return 1.0 + np.diag(np.linalg.pinv(self.vectors) @ change)
 
-    def wrong(self, method: str, dt: float, steps: int) -> np.ndarray:
+    def wrong(self, method: str, dt: float, steps: int,
+              tolerance: float = TOLERANCE) -> np.ndarray:
         """The modes that the method does not follow, one of each pair."""
-        followed = faithful(self.modes, self.factors(method, dt), dt, steps)
-        return np.flatnonzero(~followed & (self.modes.imag >= 0.0))
+        followed = faithful(self.modes, self.factors(method, dt), dt, steps, tolerance)
+        return np.flatnonzero(~followed & (np.imag(self.modes) >= 0.0))
 
 
 def step_doubts(run: "Run") -> list[str]:
     """Return what the integration step does to a mode of the plant, in words.
 
-    The plant is linearised at the start and the end of the run and, where these differ, at three
-    rows between, u held, and its modes are judged by `faithful`. A mode counts if the recorded
-    motion contains it (`_moves`).
+    The plant is linearised at the start of the run and, unless it is linear, at four rows more, u
+    held, and its modes are judged by `faithful`. A mode counts if the recorded motion contains it
+    (`_moves`).
 
     Returns
     -------
@@ -116,7 +125,8 @@ def step_doubts(run: "Run") -> list[str]:
     """
     plants = _linearised(run)
     found = [(i, plant, j) for i, plant in plants
-             for j in plant.wrong(run.method, run.dt, run.steps) if _moves(run, i, plant, j)]
+             for j in plant.wrong(run.method, run.dt, run.steps)
+             if _moves(run, i, plant, j, len(plants) > 1)]
     if not found:
         return []
 
@@ -160,30 +170,42 @@ def _linear(rate: Callable, at: dict, J: np.ndarray) -> bool:
     return True
 
 
-def _moves(run: "Run", i: int, plant: _Plant, j: int) -> bool:
+def _moves(run: "Run", i: int, plant: _Plant, j: int, several: bool) -> bool:
     r"""Whether the recorded motion contains a mode, and moves as the mode does by itself.
 
     Of its coordinate m = w x (w the left eigenvector), less its mean, m' = lambda m + force. The
     mode moves by itself if :math:`\epsilon/dt` is not small against the force that acts on m, and
-    if m' is not small against lambda m, as where m only follows the force.
+    if m' is not small against lambda m, as where m only follows the force. Looked at are, of a
+    linear plant, the run and its last third; of another, what is near the row.
     """
     lam, factor = plant.modes[j], plant.factors(run.method, run.dt)[j]
     if run.ended == "diverged" and abs(factor) > 1.0 >= abs(np.exp(lam*run.dt)):
         return True
     last, span = len(run.t) - 1, len(run.t)//8
-    first, end = (0, last) if i in (0, last) else (max(i - span, 0), min(i + span, last))
-    rows = np.unique(np.linspace(first, end, SEEN).astype(int))
-    seen, rate = [given(run, k) for k in rows], motion(run)
-    x = np.array([vector(at["x"]) for at in seen])
-    rates = np.array([rate(at, q) for at, q in zip(seen, x, strict=True)])
+    spans = [(max(i - span, 0), min(i + span, last))] if several else [(0, last),
+                                                                       (2*last//3, last)]
     values, left = np.linalg.eig(plant.J.T)
     w = left[:, np.argmin(np.abs(values - lam))]
+    error = abs(np.log(complex(factor)) - lam*run.dt)/run.dt
+    return any(_free(run, np.linspace(*q, SEEN).astype(int), w, lam, error) for q in spans)
+
+
+def _free(run: "Run", rows: np.ndarray, w: np.ndarray, lam: complex, error: float) -> bool:
+    """Whether the mode of left eigenvector w moves by itself at some rows; see `_moves`.
+
+    They take the least and the greatest u since the row before in turn: rows alone may all see the
+    same side of a chattering u.
+    """
+    rate = motion(run)
+    seen = [given(run, k) | {"u": row((run.low.u, run.high.u)[n % 2], k)}
+            for n, k in enumerate(np.unique(rows))]
+    x = np.array([vector(at["x"]) for at in seen])
+    rates = np.array([rate(at, q) for at, q in zip(seen, x, strict=True)])
     scale = np.abs(x) @ np.abs(w)
     m, rates = (q @ w - (q @ w).mean() for q in (x, rates))
     size = (np.abs(m)**2).sum()
     if not size > (1e-9*scale.max())**2:
         return False
-    error = abs(np.log(complex(factor)) - lam*run.dt)/run.dt
     force = abs((rates*m.conj()).sum()/size - lam)
     own = (np.abs(rates)**2).sum() >= (FREE*abs(lam))**2*size
     return bool(own and error > TOLERANCE*force)
@@ -191,6 +213,7 @@ def _moves(run: "Run", i: int, plant: _Plant, j: int) -> bool:
 
 def _said(run: "Run", lam: complex, factor: complex) -> str:
     """What the step does to a mode, in words."""
+    damping = -lam.real/abs(lam) if abs(lam.real) > 1e-9*abs(lam) else 0.0
     truth, seen = lam.real, math.log(abs(factor) or 1e-300)/run.dt
 
     def does(rate):
@@ -206,7 +229,7 @@ def _said(run: "Run", lam: complex, factor: complex) -> str:
         does_now = does(seen)
     because = "; the run diverged because of it"*(run.ended == "diverged" and abs(factor) > 1.0)
     return (f"{run.method} with dt = {run.dt:g} s does not follow the plant's mode of "
-            f"{abs(lam):.3g} rad/s (damping ratio {-truth/abs(lam):.3g}), which {does(truth)}: in "
+            f"{abs(lam):.3g} rad/s (damping ratio {damping:.3g}), which {does(truth)}: in "
             f"the run it {does_now}{because}")
 
 
@@ -215,7 +238,7 @@ def _way_out(run: "Run", plants: list[_Plant]) -> str:
     time = run.steps*run.dt
 
     def does(method, dt):
-        return not any(len(p.wrong(method, dt, round(time/dt))) for p in plants)
+        return not any(len(p.wrong(method, dt, round(time/dt), PROPOSED)) for p in plants)
 
     others = [repr(q) for q in methods(run.loop) if q != run.method and does(q, run.dt)]
     counts = (round(c*10.0**k) for k in range(15) for c in (1.0, 2.0, 5.0))

@@ -47,7 +47,10 @@ def motion(run: "Run") -> Callable[[dict[str, Any], np.ndarray], np.ndarray]:
         values = {**at, "x": filled(form, iter(x.tolist()))}
         if follows:
             values["d"] = called(world, values)
-        return vector(plant.f(*(values[n] for n in plant.signals), *p))
+        try:
+            return vector(plant.f(*(values[n] for n in plant.signals), *p))
+        except (ArithmeticError, ValueError):
+            return np.full(len(x), np.nan)
 
     return rate
 
@@ -68,12 +71,8 @@ def jacobian(f: Callable[[np.ndarray], np.ndarray], x: np.ndarray,
     step of f, as of dry friction, or a kink has no derivative.
     """
     steps = STEP*(1.0 + np.abs(x))
-    try:
-        here = f(x)
-        ahead, behind = (np.column_stack([f(q) for q in x + np.diag(k*steps)])
-                         for k in (1.0, -3.0))
-    except (ArithmeticError, ValueError):
-        return None
+    here = f(x)
+    ahead, behind = (np.column_stack([f(q) for q in x + np.diag(k*steps)]) for k in (1.0, -3.0))
     ahead, behind = (ahead - here[:, None])/steps, (here[:, None] - behind)/(3.0*steps)
     noise = 1e-14*np.abs(here)[:, None]/steps  # of rounding
     bound = SMOOTH*(np.abs(ahead) + np.abs(behind)) + noise + floor

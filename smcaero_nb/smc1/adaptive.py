@@ -112,15 +112,16 @@ def plestan_smc(sigma, z, tau, gamma: Gamma = 500.0, delta: Delta = 0.02, mu: Le
     delta, and with it the gain. So sigma does not stay at 0: once within delta, it stays within
     :math:`\sqrt{\delta^2 + L^2/\gamma}`, L the bound of :math:`|\xi|`.
 
-    The gain falls at the rate gamma \|sigma\|, and while sigma slides \|sigma\| is what sampling
-    leaves, about tau rho/4: a finer step makes the gain fall more slowly. Sampled every tau, the
-    accepted size is 4 tau rho where this is larger than delta, as its authors recommend: otherwise
-    the chattering of a large gain would raise it without bound.
+    On the approach the gain grows as that of `adaptive_smc`, but it comes down again: it falls at
+    the rate gamma \|sigma\|, and while sigma slides \|sigma\| is what sampling leaves, about tau
+    rho/4: a finer step makes the gain fall more slowly. Sampled every tau, the accepted size is 4
+    tau rho where this is larger than delta, as its authors recommend: otherwise the chattering of a
+    large gain would raise it without bound.
 
     References
     ----------
     Not in the paper. F. Plestan, Y. Shtessel, V. Bregeault and A. Poznyak, Int. J. Control 83
-    (2010) 1907, second law.
+    (2010) 1907.
     """
     rho, = z
     size = abs(sigma)
