@@ -123,7 +123,7 @@ def agree(p, page):
     for n, w in m.widgets.items():
         assert not w._property_lock
         if n == "method":
-            assert w.value == values[n]
+            assert w.value == m.method
             continue
         assert float(m.entries[n].value) == pytest.approx(values[n], rel=1e-5), n
         assert w.value == pytest.approx(min(max(values[n], w.min), w.max), abs=0.51*w.step), n

@@ -1148,7 +1148,7 @@ def test_names_with_html_are_only_text(own):
 def test_a_record_that_cannot_be_differentiated_is_said_below_the_mask(own):
     own.take("short.csv", csv(rows=5))
     own.live.wait()
-    assert "are too few" in own.live.status and "the last good setting" in own.live.status
+    assert "are too few" in own.live.status and own.live.figure.data == ()
     own.live.set(n_d=0)
     assert own.live.status == "" and len(own.live.run.t) == 5
 

@@ -126,7 +126,7 @@ def once(x: np.ndarray, y: np.ndarray, broken: np.ndarray) -> tuple[np.ndarray, 
     new &= ~broken
     used = np.append(new, False) | np.append(False, new)
     gaps = np.flatnonzero(~np.append(new, True)[used]) + 1
-    return tuple(np.insert(q[used], gaps, np.nan) for q in (x, y))
+    return np.insert(x[used], gaps, np.nan), np.insert(y[used], gaps, np.nan)
 
 
 def coarse(pieces: int, t: np.ndarray, y: np.ndarray, low: np.ndarray, high: np.ndarray,

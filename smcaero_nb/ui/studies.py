@@ -192,7 +192,7 @@ class Compare(Study):
             def part(q, i=i):
                 progress((i + q)/len(asked))
 
-            times = self._times | dict(method=method)
+            times: dict[str, Any] = self._times | dict(method=method)
             if name not in runs:
                 runs[name] = simulate(loop, **times, record=ROWS, progress=part)
             if len(runs[name].t):
