@@ -117,10 +117,14 @@ def agree(p, page):
     """Mask, loop, picture and page say the same."""
     assert p.job.layout.visibility == "hidden"
     m, values = p.mask, {n: v for n, (_, v, _) in p.loop.settable().items()}
+    values |= dict(method=m.method, latency=p.loop.latency)
     assert m.values == {n: values[n] for n in m.widgets} and p.loop is m.offered[m.choice.value]
     assert set(m.widgets) == set(values) and list(m._body.children) == m._forms[m.choice.value][-1]
     for n, w in m.widgets.items():
         assert not w._property_lock
+        if n == "method":
+            assert w.value == m.method
+            continue
         assert float(m.entries[n].value) == pytest.approx(values[n], rel=1e-5), n
         assert w.value == pytest.approx(min(max(values[n], w.min), w.max), abs=0.51*w.step), n
         for q in (w, m.entries[n]):
@@ -147,7 +151,10 @@ def agree(p, page):
 def drag(w, v, page):
     """Move a slider in the page; if Ctrl-C comes before the message is read, nobody hears of it."""
     page.setdefault(w.comm.comm_id, {}).pop("value", None)
-    w.set_state({"value": v})
+    try:
+        w.set_state({"value": v})
+    finally:  # ipywidgets keeps its lock if interrupted as it takes it; the next message frees it
+        w.set_state({})
 
 
 ACTIONS = {

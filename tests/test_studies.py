@@ -96,6 +96,11 @@ def test_a_comparison_says_the_doubts_of_each_run_and_integrates_as_the_mask_say
     both.wait()
     assert both.status.startswith("weak: |xi| reaches 1.5, more than rho = 1 [v]; sigma does not ")
     assert "smcaero-good" in both._message.value
+    shown.set(method="midpoint")
+    said, changed = both.status.split("\n")
+    assert said.startswith("weak: |xi|") and changed.startswith("The mask has changed since")
+    shown.set(method="rk4")
+    assert both.status == said
     exact = smc.simulate(strong, method="rk4", record=1000)
     np.testing.assert_array_equal(both.runs["strong"].sigma, exact.sigma)
 

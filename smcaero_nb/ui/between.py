@@ -6,7 +6,8 @@ __all__ = ["band", "chatters", "corners", "held", "mean", "once", "reversals"]
 
 STRETCH = 12  # intervals between rows
 SEEN = 0.02  # of a panel
-CELLS = 2000  # of a phase portrait, in each direction: finer than a screen
+LEVEL = 16  # points of a level edge of which one is kept
+CELLS = 800  # of a phase portrait, in each direction: what a screen resolves
 
 
 def corners(t: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -83,7 +84,11 @@ def band(t: np.ndarray, y: np.ndarray, low: np.ndarray, high: np.ndarray, chatte
     values = np.concatenate([upper, upper, lower, lower, np.full(len(ends), np.nan)])
     place = np.concatenate([2*at, 2*at + 1, n - 2*at, n - 2*at - 1, np.full(len(ends), n + 1)])
     order = np.argsort(place + np.concatenate([np.tile(stretch, 4), ends])*2*n)
-    return corners(x[order], values[order])
+    x, values = x[order], values[order]
+    keep = np.arange(len(x)) % LEVEL == 0  # who reads a stretch of it finds points there
+    keep[:-1] |= values[1:] != values[:-1]
+    keep[1:] |= values[1:] != values[:-1]
+    return x[keep], values[keep]
 
 
 def mean(t: np.ndarray, integral: np.ndarray, rows: np.ndarray) -> np.ndarray:
@@ -121,7 +126,7 @@ def once(x: np.ndarray, y: np.ndarray, broken: np.ndarray) -> tuple[np.ndarray, 
     new &= ~broken
     used = np.append(new, False) | np.append(False, new)
     gaps = np.flatnonzero(~np.append(new, True)[used]) + 1
-    return tuple(np.insert(q[used], gaps, np.nan) for q in (x, y))
+    return np.insert(x[used], gaps, np.nan), np.insert(y[used], gaps, np.nan)
 
 
 def coarse(pieces: int, t: np.ndarray, y: np.ndarray, low: np.ndarray, high: np.ndarray,

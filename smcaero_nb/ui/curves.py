@@ -39,7 +39,7 @@ LAW = "states of the law"
 TALL_ROWS = PHASE, ERRORS
 SHADOWS = "output", "rate", "control", "sliding variable", *TALL_ROWS
 RESOLVED = 2000  # rows in view up to which sampled signals are drawn held; u always is
-PIECES, TURNS = 400, 100  # a signal with so many reversals, compared with others, is a band of so many pieces
+PIECES, TURNS = 400, 150  # a signal with so many reversals in view, compared with others, is a band of so many pieces
 ROW, TALL, GAP, TOP, BOTTOM = 112, 260, 28, 30, 44  # px; a plane is a tall row
 LINE, ENTRY, LETTER, WIDTH = 18, 42, 6, 420  # px: of a legend, about; of the narrowest picture
 APART = 0.16  # of the width, between columns
@@ -47,8 +47,8 @@ LAYOUT: dict[str, Any] = dict(
     autosize=True, margin=dict(l=72, r=14, t=TOP, b=BOTTOM), template="plotly_white",
     font=dict(size=12, color="#222"), hovermode="x", hoversubplots="axis", hoverlabel_namelength=-1,
     uirevision="kept", modebar=dict(remove=["sendChartToCloud"]))  # "Share chart" uploads a person's data
-X_AXIS = dict(visible=True, showspikes=True, spikethickness=1, spikecolor="#999")
-Y_AXIS = dict(visible=True, nticks=5, exponentformat="e", zerolinecolor="#ccc", title_standoff=6)
+X_AXIS = dict(type="linear", visible=True, showspikes=True, spikethickness=1, spikecolor="#999")
+Y_AXIS = dict(type="linear", visible=True, nticks=5, exponentformat="e", zerolinecolor="#ccc", title_standoff=6)
 LEGEND = dict(orientation="h", xanchor="right", yanchor="bottom", font_size=11, bgcolor="rgba(0,0,0,0)")
 
 
@@ -109,11 +109,14 @@ class _Panels:
         self.columns = 1 + max((q.channel for q in self.outputs), default=0) if self.many else 1
         self.single = np.diff(run.t) < 1.001*run.tau  # of one sample: nothing lies between the rows
         low, high = span or (-math.inf, math.inf)
-        self.resolved = np.count_nonzero((run.t >= low) & (run.t <= high)) <= RESOLVED
+        self.view = (run.t >= low) & (run.t <= high)
+        self.resolved = np.count_nonzero(self.view) <= RESOLVED
 
     def add(self, key, row, column, meta, y, t=None, **look):
         """Add a curve, by default through the rows; those without a column of their own share the last."""
-        x, y = _single(self.run.t if t is None else t), _single(shown(meta)[0]*y)
+        if t is None:
+            t, y = corners(self.run.t, y) if self.single.all() and len(y) > 1 else (self.run.t, y)
+        x, y = _single(t), _single(shown(meta)[0]*y)
         self.curves.append(Curve(key, row, min(column, self.columns - 1), meta, x, y, **look))
 
     def sampled(self, key, row, column, meta, y, t=None, always=False):
@@ -123,9 +126,13 @@ class _Panels:
             t, y = held(self.run.t, y, self.single)
         self.add(key, row, column, meta, y, t, held=whole and always)
 
-    def between(self, key, row, column, meta, y, low, high, integral=None, always=False):
-        """Add a sampled signal with the band that it fills between rows; amid that, its mean."""
-        t, pieces = self.run.t, self.compared and reversals(y) > TURNS
+    def between(self, key, row, column, meta, y, low, high, integral=None, always=False, held=True):
+        """Add a signal, `held` from sample to sample, with the band that it fills between rows.
+
+        Amid that, the curve is the mean if the running integral is known. The middle of the band is none
+        of u, which may be at one limit most of the time; of sigma, which moves between them, it is.
+        """
+        t, pieces = self.run.t, self.compared and reversals(y[self.view]) > TURNS
         if pieces:
             t, y, low, high, integral = coarse(PIECES, t, y, low, high, integral)
         if len(y) > 2 and (pieces or not self.single.all()):
@@ -134,9 +141,13 @@ class _Panels:
             if len(x):
                 self.add(f"{key}.range", row, column, meta, edge, x, held=bool(chattering.any()))
             blurred = np.append(False, chattering) & np.append(chattering, chattering[-1])  # rows amid that
+            inner = np.full(len(y), math.nan) if always else 0.5*(low + high)
             y = y.copy()
-            y[blurred] = math.nan if integral is None else mean(t, integral, blurred)
-        self.sampled(key, row, column, meta, y, t if pieces else None, always)
+            y[blurred] = inner[blurred] if integral is None else mean(t, integral, blurred)
+        if held:
+            self.sampled(key, row, column, meta, y, t if pieces else None, always)
+        else:
+            self.add(key, row, column, meta, y, t if pieces else None)
 
     def beside(self, signal, q):
         """What belongs to a number of y in r or y_m, which may come without derivatives; or None."""
@@ -146,6 +157,15 @@ class _Panels:
             elif inner and not (self.many and i == 0):
                 return None
         return signal
+
+    def bounds(self, q):
+        """How far a number of y went between rows, where sigma is e and the reference stays; or None."""
+        stages, r = self.run.loop.stages, self.beside(self.run.r, q)
+        if stages["surface"] or stages["differentiator"] or stages["sensor"] or r is None:
+            return None
+        y, low, high = (at(s, q.path) for s in (self.run.y, self.run.low.sigma, self.run.high.sigma))
+        rests = np.append(False, r[1:] == r[:-1])
+        return (np.where(rests, np.minimum(y, r - high), y), np.where(rests, np.maximum(y, r - low), y))
 
     # ---- panels ------------------------------------------------------------------------------
     def followed(self):
@@ -158,7 +178,11 @@ class _Panels:
             mark = q.key.removeprefix("y") if self.named else f"[{q.channel}]"*self.many
             c = 0 if self.named else q.channel
             meta = _named(q.meta, q.key.removeprefix("y.")) if self.named else q.meta
-            self.add(f"{rate}y{mark}", row, c, meta, at(self.run.y, q.path))
+            y, bounds = at(self.run.y, q.path), self.bounds(q)
+            if bounds is None:
+                self.add(f"{rate}y{mark}", row, c, meta, y)
+            else:
+                self.between(f"{rate}y{mark}", row, c, meta, y, *bounds, held=False)
             sensed = self.beside(self.run.y_m, q) if self.run.loop.stages["sensor"] else None
             if sensed is not None:
                 seen = replace(meta, symbol=rf"\dot {SENSED}" if rate else SENSED)
@@ -235,7 +259,8 @@ def panels(run: Run, states: Iterable[str] = (), phase: bool = False, *, fine: R
     control; an observer's estimate of it has a panel of its own.
 
     Where sigma or u chatter between rows, they are a band, ``u.range``, from the minimum to the
-    maximum of each interval; the curve itself is the mean there if that is known, else it has a gap.
+    maximum of each interval; amid that, sigma is its middle, and u its mean, or a gap if an allocation or an
+    actuator leaves that unknown.
 
     Parameters
     ----------
@@ -324,10 +349,10 @@ def draw(runs: Mapping[str, list[Curve]]) -> tuple[list, dict]:
         left, top = column*(wide + APART), 1 - tops[n]/height
         bottom = max(top - heights[n]/height, 0.0)
         axes |= _axes([c for *_, c in here], x, y, (left, left + wide), (bottom, top))
-    lines = _lines(runs, 1.0) if several else 0
-    margin = LAYOUT["margin"] | dict(t=TOP + LINE*lines)
+    lines = _lines(runs, 1.0)
+    margin = LAYOUT["margin"] | dict(t=TOP + (12 + LINE*lines)*several)
     if several:
-        axes[laws] = LEGEND | dict(x=0.0, xanchor="left", y=1.0 + (TOP - 8)/height)
+        axes[laws] = LEGEND | dict(x=0.0, xanchor="left", y=1.0 + TOP/height)
     layout = LAYOUT | axes | dict(height=height + margin["t"] + BOTTOM, margin=margin,
                                   meta=dict(alt=alternative(places, runs), columns=columns, apart=APART))
     return [t for place in sorted(drawn, key=lambda q: rows.index(q[0]) if several else 0) for t in drawn[place][2]], layout

@@ -10,7 +10,7 @@ import ipywidgets as W
 import plotly.graph_objects as go
 import traitlets
 
-from ..core import Block, ClosedLoop, Run, simulate
+from ..core import Block, ClosedLoop, simulate
 from .curves import Curve, before, draw, metrics_html, panels, structure, verdict_html
 from .figures import figure
 from .given import Loop, Loops, offered, seconds
@@ -18,7 +18,7 @@ from .given import states as known
 from .job import Cancelled, Job, Overtaken, interrupted
 from .mask import Mask
 from .picture import Download, Picture
-from .rows import joined, thinned, window
+from .rows import thinned, zoomed
 from .text import doubts_text, result_html, why_diverged, why_not
 
 __all__ = ["Live", "live"]
@@ -109,8 +109,8 @@ class Live(W.Box):
         self._metrics, self._download = W.HTML(), Download(lambda: self.run.to_csv())
         self.job = Job(self._work)
         self.mask.children = [*self.mask.children, self.job]
-        loops = any(isinstance(q, ClosedLoop) for q in self.mask.offered.values())
-        below = W.HBox([*[self._planes]*loops, self._download])
+        simulated = any(isinstance(q, ClosedLoop) for q in self.mask.offered.values())
+        below = W.HBox([*[self._planes]*simulated, self._download])
         self._side = W.VBox([self._metrics, self._picture, below])
         self._side.add_class("smcaero-plot")
         super().__init__([self.mask, self._side])
@@ -128,16 +128,19 @@ class Live(W.Box):
     @property
     def curves(self) -> dict[str, Curve]:
         """What is drawn of a run, by key."""
-        gone = self._shown is None or self._picture.curves.state == "gone"
-        return {} if gone else {c.key: c for c in self._shown.curves}
+        new = self._shown
+        if new is None or self._picture.curves.state == "gone":
+            return {}
+        return {c.key: c for c in new.curves}
 
     @property
     def figure(self) -> go.Figure:
         """What is drawn, as a figure of plotly."""
-        if self._shown is None or self._picture.curves.state == "gone":
-            return go.Figure()
         new = self._shown
-        return go.Figure(*(draw({"": new.curves}) if new.curves else new.drawing))
+        if new is None or self._picture.curves.state == "gone":
+            return go.Figure()
+        traces, layout = draw({"": new.curves}) if new.curves else new.drawing
+        return go.Figure(traces, layout)
 
     def set(self, **values: Any) -> None:
         """Set values as the mask does, and wait until the curves show them.
@@ -180,7 +183,8 @@ class Live(W.Box):
         if asked and not again and asked[0][1] is setting[1] and asked[0][::2] == setting[::2]:
             return
         if not self.job.ask(setting, patience):
-            if self._drawn and self._drawn.loop is not self.loop:
+            answered = self._answered or setting
+            if self._drawn and (self._drawn.loop is not self.loop or answered[2][2:] != how[2:]):
                 self._mark(self._without(self.mask.chosen))
             if self.job.worker.fraction is None:
                 self._say(COMPILING if simulated else COMPUTING)
@@ -213,7 +217,7 @@ class Live(W.Box):
             self._draw()  # what Ctrl-C left half drawn
             progress()
             if isinstance(loop, ClosedLoop):
-                text, refused, lost = self._simulated(choice, loop, *how, watched)
+                text, refused, lost = self._simulated(choice, loop, how, watched)
             else:
                 text, refused = self._called(choice, loop)
                 lost = False
@@ -231,19 +235,21 @@ class Live(W.Box):
         self._answered = asked
         self._say(text, refused)
 
-    def _simulated(self, choice, loop, phase, span, method, progress):
+    def _simulated(self, choice, loop, how, progress):
         """Draw a run; return what to say, whether it is refused, and whether it has no curves."""
+        phase, span, method = how
         times = self.times | dict(method=method)
         what = loop, times, phase
-        zoomed = self._stored is not None and self._stored[0] is loop and self._zoom != span
-        if not zoomed or self._stored[1:3] != what[1:]:
+        stored = self._stored  # what is only zoomed is not simulated again
+        if stored is None or stored[0] is not loop or stored[1:3] != what[1:] or self._zoom == span:
             record = rows(loop, **self.times, phase=phase)
             fine = simulate(loop, **times, record=record, progress=progress)
-            self._stored = *what, fine, thinned(fine, ROWS) if record == PLANE else fine
-        self._zoom, (fine, run) = span, self._stored[3:]
+            run = thinned(fine, ROWS) if record == PLANE else fine
+            self._stored = stored = *what, fine, run
+        self._zoom, (fine, run) = span, stored[3:]
         good, made = run.diverged_at is None, None
         if len(run.t):
-            shown = self._zoomed(loop, run, times, span, progress)
+            shown = zoomed(loop, run, span, times, simulate, progress)
             curves = panels(shown, self._states, phase, fine=fine, span=span or None)
             kept = good or not (self._good and self._good.choice == choice)
             figures = verdict_html(run) + metrics_html(run)
@@ -256,12 +262,6 @@ class Live(W.Box):
             return doubts_text(run.doubts()), False, False
         end = f"; {ENDED}" + SHADOW*bool(made.shadow) if made else self._kept(choice)
         return f"{why_diverged(run)}{end}.", True, made is None
-
-    def _zoomed(self, loop: ClosedLoop, run: Run, times: dict[str, Any], span, progress) -> Run:
-        """A run with all rows of what is zoomed to."""
-        dt = times["dt"] or loop.dt
-        part = window(run, span, dt) if span and dt else {}
-        return joined(run, simulate(loop, **times | part, progress=progress)) if part else run
 
     def _shadow(self, choice, loop, good):
         """The curves of the setting before, or of the last good one behind a run that was lost."""

@@ -296,12 +296,12 @@ class Mask(W.VBox):
 
     def in_this_world(self) -> dict[str, Loop]:
         """Return {name: loop} of all, each in the vehicle and world of the chosen one, as set."""
-        return {n: self._brought(self._state, n).target for n in self.offered}
+        return {n: loop for n, (loop, _) in self.settings().items()}
 
-    @property
-    def methods(self) -> dict[str, str | None]:
-        """{name: integration method} of all, as `in_this_world` brings them along."""
-        return {n: self._brought(self._state, n).method for n in self.offered}
+    def settings(self) -> dict[str, tuple[Loop, str | None]]:
+        """Return {name: (loop, integration method)} of all in the world of the chosen one."""
+        made = {n: self._brought(self._state, n) for n in self.offered}
+        return {n: (state.target, state.method) for n, state in made.items()}
 
     def _brought(self, state, new):
         """The state with another choice, which takes the changes of vehicle and world along.
@@ -443,10 +443,14 @@ class Mask(W.VBox):
                   for title, b, group, folded in _groups(target)]
         titles = {n: q for _, _, group, _ in groups for n, q in _titles(group, known).items()}
         shared = dict(layout=W.Layout(), slider=W.SliderStyle(), text=TextStyle())
-        rows = {n: Entries(n, titles[n], *known[n], self._asked, shared)
-                if isinstance(known[n][1], tuple) else
-                Row(n, titles[n], *known[n], self._asked, shared,
-                    self._grid(target, n, known[n][0])) for n in chosen}
+        rows: dict[str, Row | Entries] = {}
+        for n in chosen:
+            meta, value, kind = known[n]
+            if isinstance(value, tuple):
+                rows[n] = Entries(n, titles[n], meta, value, kind, self._asked, shared)
+            else:
+                rows[n] = Row(n, titles[n], meta, value, kind, self._asked, shared,
+                              self._grid(target, n, meta))
         self.page.tell(dict(q for n, row in rows.items() for q in _told(n, known[n][0], row)))
         return rows, [_Fold(title, b, [rows[n].box for n in group], folded, shared)
                       for title, b, group, folded in groups if group]

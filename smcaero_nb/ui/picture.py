@@ -87,7 +87,8 @@ class Picture(anywidget.AnyWidget):
                 for t, numbers in zip(drawn["data"], sent, strict=True)]
         with self.curves.hold_sync():
             self.curves.drawing = dict(traces=bare, layout=drawn["layout"])
-            self.move(*([numbers[k] for numbers in sent] for k in "xy"), behind)
+            x, y = ([numbers[k] for numbers in sent] for k in "xy")
+            self.move(x, y, behind)
 
     def move(self, x: Iterable, y: Iterable,
              behind: Iterable[tuple[int, Any, Any]] = ()) -> None:

@@ -73,11 +73,11 @@ def _errors(run) -> Iterator[Plane]:
             (x, across), (y, meta) = ((at(getattr(run, signal), pair[i].path), pair[i].meta)
                                       for i in (0, 1))
             names = "e", r"\dot e"
-            about = tuple(Param(n, q.unit) for n, q in zip(names, (across, meta), strict=True))
-            yield ERRORS, f"plane{mark}", c, *_drawn(run.t, x, y), about[::-1]
+            across, up = (Param(n, q.unit) for n, q in zip(names, (across, meta), strict=True))
+            yield ERRORS, f"plane{mark}", c, *_drawn(run.t, x, y), (up, across)
             line = _line(run, c, len(pairs), x, y)
             if line:
-                yield ERRORS, f"line{mark}", c, *line, (Param(r"\sigma\,=\,0", meta.unit), about[0])
+                yield ERRORS, f"line{mark}", c, *line, (Param(r"\sigma\,=\,0", meta.unit), across)
         if pairs:
             return
 

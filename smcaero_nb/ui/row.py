@@ -275,9 +275,8 @@ class Entries:
     def _entered(self, at, change):
         if change.new != self._written.get(at):
             self._typed, entry = at, typed(change.new)
-            if self.kind is bool:
-                entry = {0.0: False, 1.0: True}.get(entry, entry)
-            self._ask(_put(self.value, at, entry))
+            switch = self.kind is bool and entry in (0.0, 1.0)
+            self._ask(_put(self.value, at, bool(entry) if switch else entry))
 
     def names(self, name: str) -> dict[str, str]:
         """Return {CSS class: what the entry is} of each entry, after the name of the parameter."""

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from ..core import Run
+from ..core import ClosedLoop, Run
 
-__all__ = ["joined", "thinned", "window"]
+__all__ = ["joined", "thinned", "window", "zoomed"]
 
 RECORDED = ("r", "y", "y_m", "e", "e_hat", "sigma", "v", "u", "d", "x", "z", "probe", "integral_v")
 MOST = 3000  # rows of what is zoomed
@@ -69,3 +69,11 @@ def joined(run: Run, fine: Run) -> Run:
 
     made = {n: _each(join, getattr(run, n), getattr(fine, n)) for n in (*RECORDED, "low", "high")}
     return _with(run, join(run.t, fine.t), made)
+
+
+def zoomed(loop: ClosedLoop, run: Run, span: tuple, times: dict[str, Any], simulate: Callable,
+           progress: Callable) -> Run:
+    """Return a run with all the rows of what is zoomed to, if anything is."""
+    dt = times.get("dt") or loop.dt
+    part = window(run, span, dt) if span and dt else {}
+    return joined(run, simulate(loop, **times | part, progress=progress)) if part else run

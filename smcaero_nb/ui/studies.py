@@ -15,6 +15,7 @@ from .job import Cancelled, Job, Overtaken, interrupted
 from .live import FIRST, ROWS, Live
 from .mask import Page
 from .picture import Picture
+from .rows import zoomed
 from .text import said_html, why_diverged, why_not
 
 __all__ = ["Certificate", "Compare", "certificate", "compare"]
@@ -54,9 +55,10 @@ class Study(W.VBox):
         """{name: loop} as set now, all in the same world."""
         return self._mask.in_this_world() if self._mask else self._given
 
-    def _method(self, name):
-        """The integration method of a loop: as set in the mask, else the loop's own."""
-        return self._mask.methods[name] if self._mask else None
+    def _settings(self):
+        """{name: (loop, integration method)} as set now; None is the loop's own method."""
+        given = {n: (q, None) for n, q in self._given.items()}
+        return self._mask.settings() if self._mask else given
 
     def wait(self) -> None:
         """Wait until the picture is there; Ctrl-C cancels it."""
@@ -104,6 +106,8 @@ class Compare(Study):
     def __init__(self, source: Live | Mapping[str, ClosedLoop]):
         names = list(source.mask.offered if isinstance(source, Live) else source)
         self.runs: dict[str, Run] = {}
+        self._told, self._lost = "", False  # what there is to say of them, whether one was lost
+        self._span: tuple = ()
         self._picked = frozenset(names[:MOST])
         self._toggles = {n: W.ToggleButton(i < MOST, description=n, tooltip=f"Show {n}")
                          for i, n in enumerate(names)}
@@ -116,6 +120,7 @@ class Compare(Study):
             t.observe(self._toggled, "value")
         if self._mask:
             self._mask.observe(self._stale, "target")
+        self._picture.view.observe(self._zoomed, "span")
         self._ask(FIRST)
 
     def set(self, *names: str) -> None:
@@ -161,28 +166,47 @@ class Compare(Study):
 
     def _stale(self, _):
         if self.job.worker.idle.is_set():
-            loops = self.loops
-            same = all(loops[n] == r.loop for n, r in self.runs.items())
-            self._say("" if same else "The mask has changed since: Refresh uses its settings.")
+            now, text = self._settings(), [*filter(None, [self._told])]
+            if not all(now[n] == (r.loop, r.method) for n, r in self.runs.items()):
+                text.append("The mask has changed since: Refresh uses its settings.")
+            self._say("\n".join(text), self._lost)
 
     def _ask(self, patience=0.0):
-        loops = self.loops
-        self.job.ask({n: loops[n] for n in self._toggles if n in self._picked}, patience)
+        now = self._settings()
+        self.job.ask({n: now[n] for n in self._toggles if n in self._picked}, patience)
+
+    def _zoomed(self, _):
+        """Draw what is zoomed to with all its rows; the loops are those compared."""
+        asked = self.job.worker.asked
+        if asked and (self.runs or self.job.worker.job):
+            self.job.ask({**asked[0]}, 0.0)
 
     def _study(self, asked, progress):
-        self.runs, runs = {}, {}
-        for i, (name, loop) in enumerate(asked.items()):
-            runs[name] = simulate(loop, **self._times, method=self._method(name), record=ROWS,
-                                  progress=lambda q, i=i: progress((i + q)/len(asked)))
-        self.runs = runs
+        span = tuple(self._picture.view.span)
+        same = len(asked) == len(self.runs) and all(
+            n in self.runs and self.runs[n].loop is q and method in (None, self.runs[n].method)
+            for n, (q, method) in asked.items())
+        runs, shown = (self.runs if same and span != self._span else {}), {}
+        self.runs = {}
+        for i, (name, (loop, method)) in enumerate(asked.items()):
+            def part(q, i=i):
+                progress((i + q)/len(asked))
+
+            times: dict[str, Any] = self._times | dict(method=method)
+            if name not in runs:
+                runs[name] = simulate(loop, **times, record=ROWS, progress=part)
+            if len(runs[name].t):
+                shown[name] = zoomed(loop, runs[name], span, times, simulate, part)
+        self.runs, self._span = runs, span
         # without the states of the laws: each has its own
-        several = len(runs) > 1
-        curves = {n: [c for c in panels(r, phase=True, compared=several) if c.row != LAW]
-                  for n, r in runs.items() if len(r.t)}
+        several = len(shown) > 1
+        curves = {n: [c for c in panels(r, phase=True, span=span or None, compared=several)
+                      if c.row != LAW] for n, r in shown.items()}
         self._show(draw(curves), comparison_html(runs))
         lost = [f"{n} {why_diverged(r)}" for n, r in runs.items() if r.diverged_at is not None]
         doubtful = [f"{n}: {q}." for n, r in runs.items() for q in r.doubts()]
-        return "\n".join([*lost, *doubtful]), bool(lost)
+        self._told, self._lost = "\n".join([*lost, *doubtful]), bool(lost)
+        return self._told, self._lost
 
 
 class Certificate(Study):
@@ -216,14 +240,14 @@ class Certificate(Study):
 
     def _ask(self):
         if self._mask:
-            self.job.ask((self._mask.chosen, self._mask.target), 0.0)
+            self.job.ask((self._mask.chosen, self._mask.target, self._mask.method), 0.0)
         else:
-            self.job.ask(next(iter(self._given.items())), 0.0)
+            self.job.ask((*next(iter(self._given.items())), None), 0.0)
 
     def _study(self, asked, progress):
-        name, loop = asked
+        name, loop, method = asked
         self.result, self._below.children = None, []
-        self.result = accuracy(loop, **self._times, method=self._method(name), progress=progress)
+        self.result = accuracy(loop, **self._times, method=method, progress=progress)
         self._show(figure(self.result))
         self._told = f"{name}: "*(name != "") + self.result.explain()
         return self._told, False

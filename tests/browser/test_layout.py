@@ -34,7 +34,8 @@ PLACES = """() => [...document.querySelectorAll('.smcaero-live')].map(live => {
 # labels and entries of rows that do not show all of their text, or lie beyond their mask
 CUT = """() => [...document.querySelectorAll('.smcaero-mask')].flatMap(mask => {
     const right = mask.getBoundingClientRect().right;
-    return [...mask.querySelectorAll('.smcaero-row .widget-label, .smcaero-row input, .smcaero-fold')]
+    return [...mask.querySelectorAll(
+            '.smcaero-row .widget-label, .smcaero-row input, .smcaero-fold')]
         .filter(e => e.getClientRects().length && (e.scrollWidth > e.clientWidth + 1
                  || e.scrollHeight > e.clientHeight + 2 || e.getBoundingClientRect().right > right))
         .map(e => e.textContent || e.value) })"""
