@@ -413,6 +413,7 @@ def _traces(curves, x, y, laws, told):
     """
     traces, here, ranks, several = [], set(), {}, bool(laws)
     mixed = len({c.unit for *_, c in curves if not c.reference}) > 1
+    many = sum(c.held or not c.filled for *_, c in curves) > 1  # a few peaks need no word
     if several:
         key = _ink if curves[0][2].row in TALL_ROWS else lambda q: not q[2].filled
         curves = sorted(curves, key=key)
@@ -439,7 +440,7 @@ def _traces(curves, x, y, laws, told):
             line = dict(color=colour, dash=DASHES[rank % len(DASHES)], width=1.0 if c.held else 1.5)
         points = dict(zip("xy", c.points, strict=True))
         is_run = several and not c.reference and not c.filled
-        tell = name not in told if is_run else label not in here and (c.held if c.filled else c.reference or len(curves) > 1)
+        tell = name not in told if is_run else label not in here and (c.held if c.filled else c.reference or many)
         (told if is_run else here).add(name if is_run else label)
         traces.append(go.Scatter(
             **points, mode="lines", name=plain(name) if is_run else label, meta=c.key,
