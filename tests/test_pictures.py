@@ -245,7 +245,7 @@ def test_a_portrait_has_no_chord_that_is_no_motion():
 
 def test_what_a_portrait_draws_twice_is_drawn_once():
     s = np.arange(40_000)*2*np.pi/400
-    x, y = once(np.cos(s), np.sin(s), np.zeros(len(s) - 1, bool))
+    x, y = once(np.cos(s), np.sin(s))
     assert len(x) < 450 and np.nanmax(np.abs(np.hypot(x, y) - 1.0)) < 1e-9
     angles = np.sort(np.arctan2(y[np.isfinite(y)], x[np.isfinite(x)]))
     assert np.diff(angles).max() < 0.02  # the whole circle

@@ -71,7 +71,7 @@ def faithful(modes: np.ndarray, factors: np.ndarray, dt: float, steps: int,
         drift = 1.0 + np.where(rate > 0.0, memory, -memory)*error
         near = (drift.real > 0.0) & (np.abs(np.log(np.abs(drift))) <= tolerance)
     dead = (rate < -1.0/SHORT) & (np.abs(factors) < math.exp(-1.0/SHORT))
-    return near | dead & (factors.real > -OVERSHOOT)
+    return near | dead & (np.real(factors) > -OVERSHOOT)
 
 
 class _Plant:

@@ -86,6 +86,7 @@ Least = Annotated[float,
 @block(state=GAIN, output=Param("v"),
        card=replace(GROWING, needs="that |xi| is bounded, by an L that need not be known",
                     guarantees="|sigma| <= sqrt(delta^2 + L^2/gamma) after a finite time",
+                    within=5.0,  # of delta: up to L = 2.2 [v] with the defaults
                     source=(PLESTAN_2010,)))
 def plestan_smc(sigma, z, tau, gamma: Gamma = 500.0, delta: Delta = 0.02, mu: Least = 0.05):
     r"""First-order sliding mode control with a gain that grows and falls.

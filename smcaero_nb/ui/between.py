@@ -108,22 +108,26 @@ def mean(t: np.ndarray, integral: np.ndarray, rows: np.ndarray) -> np.ndarray:
     return (integral[b] - integral[a])/(t[b] - t[a])
 
 
-def once(x: np.ndarray, y: np.ndarray, broken: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return a curve in the plane without its `broken` segments, each of the others drawn once.
+def once(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return a curve in the plane, each segment of it drawn once; it has gaps where it is NaN.
 
     Segments that a screen does not tell apart are one.
     """
-    cells = [np.round((q - q.min())/(np.ptp(q) or 1.0)*CELLS).astype(np.int64) for q in (x, y)]
-    cell = cells[0]*(CELLS + 1) + cells[1]
+    there = np.isfinite(x) & np.isfinite(y)
+    if not there.any():
+        return x[:0], y[:0]
+    cells = []
+    for q in (x, y):
+        low, high = q[there].min(), q[there].max()
+        known = np.where(there, q, low).astype(float)
+        cells.append(np.round((known - low)/((high - low) or 1.0)*CELLS).astype(np.int64))
+    cell = np.where(there, cells[0]*(CELLS + 1) + cells[1], -1)
     moved = np.flatnonzero(np.append(True, cell[1:] != cell[:-1]))
-    if len(moved) < 2:
-        return x[moved], y[moved]
-    broken = np.logical_or.reduceat(broken, moved[:-1])
     x, y, cell = x[moved], y[moved], cell[moved]
     a, b = np.minimum(cell[:-1], cell[1:]), np.maximum(cell[:-1], cell[1:])
     new = np.zeros(len(a), bool)
     new[np.unique(a*(CELLS + 1)**2 + b, return_index=True)[1]] = True
-    new &= ~broken
+    new &= a >= 0
     used = np.append(new, False) | np.append(False, new)
     gaps = np.flatnonzero(~np.append(new, True)[used]) + 1
     return np.insert(x[used], gaps, np.nan), np.insert(y[used], gaps, np.nan)
@@ -137,9 +141,3 @@ def coarse(pieces: int, t: np.ndarray, y: np.ndarray, low: np.ndarray, high: np.
     groups = np.append(0, kept[:-1] + 1)
     return (t[kept], y[kept], np.minimum.reduceat(low, groups), np.maximum.reduceat(high, groups),
             None if integral is None else integral[kept])
-
-
-def parted(x: np.ndarray, y: np.ndarray, broken: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return a curve in the plane without its `broken` segments."""
-    gaps = np.flatnonzero(broken) + 1
-    return np.insert(x, gaps, np.nan), np.insert(y, gaps, np.nan)

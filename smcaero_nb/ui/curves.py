@@ -11,7 +11,7 @@ import plotly.graph_objects as go
 from ..core import Param, Run
 from ..core.leaves import at
 from ..core.signal import flat
-from .between import band, chatters, coarse, corners, held, mean, reversals
+from .between import band, chatters, coarse, corners, held, mean, once, reversals
 from .planes import ERRORS, PHASE, planes
 from .text import (
     UNKNOWN,
@@ -38,6 +38,7 @@ SENSED = "y_m"
 LAW = "states of the law"
 TALL_ROWS = PHASE, ERRORS
 SHADOWS = "output", "rate", "control", "sliding variable", *TALL_ROWS
+MANY = 2500  # points of a trajectory
 RESOLVED = 2000  # rows in view up to which sampled signals are drawn held; u always is
 PIECES, TURNS = 400, 150  # a signal with so many reversals in view, compared with others, is a band of so many pieces
 ROW, TALL, GAP, TOP, BOTTOM = 112, 260, 28, 30, 44  # px; a plane is a tall row
@@ -70,6 +71,12 @@ class Curve(NamedTuple):
         """Its symbol."""
         meta = _named(self.meta, self.key.removesuffix(".range").partition("[")[0])
         return symbol(meta.symbol).removesuffix("(0)")  # not the start of a law's state
+
+    @property
+    def points(self) -> tuple[np.ndarray, np.ndarray]:
+        """Its data as the page gets them: what a long trajectory draws twice is drawn once."""
+        many = self.row in TALL_ROWS and len(self.x) > MANY
+        return once(self.x, self.y) if many else (self.x, self.y)
 
     @property
     def filled(self) -> bool:
@@ -407,6 +414,7 @@ def _traces(curves, x, y, laws, told):
     """
     traces, here, ranks, several = [], set(), {}, bool(laws)
     mixed = len({c.unit for *_, c in curves if not c.reference}) > 1
+    many = sum(c.held or not c.filled for *_, c in curves) > 1  # a few peaks need no word
     if several:
         key = _ink if curves[0][2].row in TALL_ROWS else lambda q: not q[2].filled
         curves = sorted(curves, key=key)
@@ -431,11 +439,12 @@ def _traces(curves, x, y, laws, told):
             line = dict(color=colour, dash=dash, width=width)
         else:
             line = dict(color=colour, dash=DASHES[rank % len(DASHES)], width=1.0 if c.held else 1.5)
+        points = dict(zip("xy", c.points, strict=True))
         is_run = several and not c.reference and not c.filled
-        tell = name not in told if is_run else label not in here and (c.held if c.filled else c.reference or len(curves) > 1)
+        tell = name not in told if is_run else label not in here and (c.held if c.filled else c.reference or many)
         (told if is_run else here).add(name if is_run else label)
         traces.append(go.Scatter(
-            x=c.x, y=c.y, mode="lines", name=plain(name) if is_run else label, meta=c.key,
+            **points, mode="lines", name=plain(name) if is_run else label, meta=c.key,
             line=line | dict(simplify=False), xaxis=f"x{_number(x)}", yaxis=f"y{_number(y)}",
             legend=laws if is_run else f"legend{_number(y)}", showlegend=tell,
             legendgroup=name if several and not c.reference else None, **look))

@@ -294,13 +294,14 @@ class Live(W.Box):
             return
         if self._shown is not new:
             last, self._shown = self._shown, None
-            shadow = [(i, new.shadow[c.key].x, new.shadow[c.key].y)
+            shadow = [(i, *new.shadow[c.key].points)
                       for i, c in enumerate(new.curves) if c.key in new.shadow]
             if not new.curves:
                 self._picture.show(*new.drawing)
             elif last and structure(new.curves) == structure(last.curves):
                 # only the numbers travel
-                self._picture.move([c.x for c in new.curves], [c.y for c in new.curves], shadow)
+                x, y = zip(*(c.points for c in new.curves), strict=True)
+                self._picture.move(x, y, shadow)
             else:
                 self._picture.show(*draw({"": new.curves}), shadow)
             self._metrics.value = new.figures

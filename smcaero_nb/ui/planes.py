@@ -10,12 +10,10 @@ from ..core import Param, Run
 from ..core.leaves import at
 from ..core.perturbation import degree, laws
 from ..core.signal import flat
-from .between import once, parted
 
 __all__ = ["ERRORS", "PHASE", "planes"]
 
 PHASE, ERRORS = "phase portrait", "error plane"  # the rows whose abscissa is not time
-MANY = 2500  # rows from which on each stretch is drawn once
 POINTS = 101  # of the line sigma = 0
 
 Plane = tuple[str, str, int, np.ndarray, np.ndarray, tuple[Param, Param]]
@@ -32,11 +30,10 @@ def planes(run: Run) -> Iterator[Plane]:
 
 def _drawn(t, x, y):
     """A trajectory, x' = y, without the jumps of a command, which are no motion of the plant."""
-    moved = 0.5*(y[1:] + y[:-1])*np.diff(t)
     with np.errstate(invalid="ignore", over="ignore"):
-        jumps = np.abs(np.diff(x) - moved) > 0.02*np.ptp(x)
-    usable = len(t) > MANY and np.isfinite(x).all() and np.isfinite(y).all()
-    return once(x, y, jumps) if usable else parted(x, y, jumps)
+        moved = 0.5*(y[1:] + y[:-1])*np.diff(t)
+        jumps = np.append(False, np.abs(np.diff(x) - moved) > 0.02*np.ptp(x))
+    return np.where(jumps, np.nan, x), np.where(jumps, np.nan, y)
 
 
 def _portraits(run):

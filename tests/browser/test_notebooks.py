@@ -60,7 +60,7 @@ DATA = """live => { const curves = live.querySelector('.js-plotly-plot').data;
 CHANGED = """(live, before) => {
     const curves = live.querySelector('.js-plotly-plot').data, kind = k => k.split('[')[0];
     const runs = Object.keys(before).filter(k => ['y', 'sigma', 'u', 'phase'].includes(kind(k)));
-    const moved = k => curves.find(c => c.meta === k).y.some((v, i) => v !== before[k][i]);
+    const moved = k => curves.find(c => c.meta === k)?.y.some((v, i) => v !== before[k][i]);
     return runs.length
         ? [...new Set(runs.map(kind))].every(n => runs.some(k => kind(k) === n && moved(k)))
         : curves.some((c, i) => { const was = before[c.meta ?? i];
