@@ -79,7 +79,7 @@ class Block:
                  check: Callable | None = None, card: Card | None = None):
         if not inspect.isfunction(f):
             way = ("; write a function of x, u, ... and make the object's numbers its parameters, "
-                   f"def {f.__name__}(x, u, d, k=2.0)")*inspect.ismethod(f)
+                   f"def {f.__name__}(x, u, d, k=2.0)") if inspect.ismethod(f) else ""
             raise BlockError(f"block: a block is made of a plain function, not of {said(f)}{way}")
         if f.__code__.co_flags & (inspect.CO_VARARGS | inspect.CO_VARKEYWORDS):
             raise BlockError(f"block: {f.__name__} takes *args or **kwargs, but arguments are "
