@@ -70,9 +70,9 @@ def faithful(modes: np.ndarray, factors: np.ndarray, dt: float, steps: int,
         error.imag = (error.imag + math.pi) % (2.0*math.pi) - math.pi
         memory = np.minimum(steps, 1.0/np.abs(rate))
         drift = 1.0 + np.where(rate > 0.0, memory, -memory)*error
-        near = (drift.real > 0.0) & (np.abs(np.log(np.abs(drift))) <= tolerance)
+        near = (np.real(drift) > 0.0) & (np.abs(np.log(np.abs(drift))) <= tolerance)
     dead = (rate < -1.0/SHORT) & (np.abs(factors) < math.exp(-1.0/SHORT))
-    return near | dead & (factors.real > -OVERSHOOT)
+    return near | dead & (np.real(factors) > -OVERSHOOT)
 
 
 class _Plant:
