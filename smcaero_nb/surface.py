@@ -338,7 +338,7 @@ def integral_sliding(r: int, nominal: Block) -> Block:
     >>> surface((0.5, -0.2), surface.z0, 0.01)
     (0.0, (0.203, 1.0))
     """
-    r = Param(low=1, high=6).check("integral_sliding", "r", r, int)
+    r = relative_degree("integral_sliding", r, 6)
     nominal = wanted("integral_sliding: nominal", nominal)
     if nominal.r not in (None, r):
         raise ParameterError(f"integral_sliding: r = {r} is not allowed; {nominal.name} is for "

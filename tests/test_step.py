@@ -331,3 +331,12 @@ def test_a_bending_mode_beside_a_loop_that_does_well_is_seen(law):
         run = simulate(loop, 20.0, dt)
         said = [q for q in run.doubts() if "mode of 30 rad/s (damping ratio 0.005)" in q]
         assert said and np.abs(run.x.eta[-400:]).max() > error*right
+
+
+def test_a_run_that_diverges_for_another_reason_is_not_laid_on_the_step():
+    @block(state=dict(a=0.01, b=0.0, c=1.0))
+    def plant(x, u, d):
+        return x[1], u - 900.0*x[0] - 0.3*x[1], 30.0*x[2]
+
+    run = simulate(ClosedLoop(plant, law=nothing), 20.0, 1e-3)
+    assert run.ended == "diverged" and all("because of it" not in q for q in run.doubts())

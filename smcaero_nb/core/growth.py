@@ -28,6 +28,7 @@ OVERSHOOT = 0.1  # of a first-order lag that changes its sign from step to step
 ROWS = 5  # at which a nonlinear plant is linearised
 SEEN = 12  # rows at which the motion of a mode is looked at
 FREE = 0.1  # share of a mode's motion that has to be its own
+BLOWN = 10.0  # growth of a mode, as a logarithm, that makes a run diverge
 FINEST = 1e-6  # of the step, the finest that is proposed
 
 
@@ -69,7 +70,7 @@ def faithful(modes: np.ndarray, factors: np.ndarray, dt: float, steps: int,
         error.imag = (error.imag + math.pi) % (2.0*math.pi) - math.pi
         memory = np.minimum(steps, 1.0/np.abs(rate))
         drift = 1.0 + np.where(rate > 0.0, memory, -memory)*error
-        near = (drift.real > 0.0) & (np.abs(np.log(np.abs(drift))) <= tolerance)
+        near = (np.real(drift) > 0.0) & (np.abs(np.log(np.abs(drift))) <= tolerance)
     dead = (rate < -1.0/SHORT) & (np.abs(factors) < math.exp(-1.0/SHORT))
     return near | dead & (np.real(factors) > -OVERSHOOT)
 
@@ -179,7 +180,7 @@ def _moves(run: "Run", i: int, plant: _Plant, j: int, several: bool) -> bool:
     linear plant, the run and its last third; of another, what is near the row.
     """
     lam, factor = plant.modes[j], plant.factors(run.method, run.dt)[j]
-    if run.ended == "diverged" and abs(factor) > 1.0 >= abs(np.exp(lam*run.dt)):
+    if lam.real <= 0.0 and _diverged(run, factor):
         return True
     last, span = len(run.t) - 1, len(run.t)//8
     spans = [(max(i - span, 0), min(i + span, last))] if several else [(0, last),
@@ -211,6 +212,11 @@ def _free(run: "Run", rows: np.ndarray, w: np.ndarray, lam: complex, error: floa
     return bool(own and error > TOLERANCE*force)
 
 
+def _diverged(run: "Run", factor: complex) -> bool:
+    """Whether a run diverged, and a factor in each step is enough for it."""
+    return run.ended == "diverged" and run.steps*math.log(abs(factor) or 1e-300) > BLOWN
+
+
 def _said(run: "Run", lam: complex, factor: complex) -> str:
     """What the step does to a mode, in words."""
     damping = -lam.real/abs(lam) if abs(lam.real) > 1e-9*abs(lam) else 0.0
@@ -227,7 +233,7 @@ def _said(run: "Run", lam: complex, factor: complex) -> str:
         does_now = f"has a frequency of {abs(np.log(factor).imag)/run.dt:.5g} rad/s"
     else:
         does_now = does(seen)
-    because = "; the run diverged because of it"*(run.ended == "diverged" and abs(factor) > 1.0)
+    because = "; the run diverged because of it"*_diverged(run, factor)
     return (f"{run.method} with dt = {run.dt:g} s does not follow the plant's mode of "
             f"{abs(lam):.3g} rad/s (damping ratio {damping:.3g}), which {does(truth)}: in "
             f"the run it {does_now}{because}")
