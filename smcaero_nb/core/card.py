@@ -91,8 +91,8 @@ class Law(Card):
         does not hold; see `Run.doubts`.
     adapts : function, optional
         What its adaptation assumes, where that is sufficient but not necessary: it is asked only
-        where sigma does not come to rest or the gain still grows. It is given ``{name: value}``, states as the run left
-        them, and the largest \|xi'\| and \|xi''\|, and returns the like.
+        where sigma does not come to rest or the gain still grows. It is given ``{name: value}``,
+        states as the run left them, and the maximum \|xi'\| and \|xi''\|, and returns the like.
     gain : str
         The state that is the gain which it adapts; empty: none.
     describing : function, optional
