@@ -114,8 +114,8 @@ def test_rows_text_and_table_say_the_same():
 def test_usual_figures_stand_in_a_second_row():
     m = Metrics(0.5, 1.0, 3.0, 0.25, 0.125, None, 1.0, 4.0, None, settling_time=math.inf,
                 rise_time=0.5, overshoot=(0.0, 12.5), rms_e=0.1, iae=2.0, ise=1.5, energy_u=3.0)
-    first, second = str(m).split("\n")
-    assert first.endswith("turns_u = 4 1/s") and "reaching_time" not in first
+    first, second = str(m).split("turns_u = 4 1/s   ")
+    assert first.endswith("variation_u = 1 1/s   ") and "reaching_time" not in first
     assert second == ("settling_time = not settled   rise_time = 0.5 s   overshoot = 0, 12.5 %   "
                       "rms_e = 0.1   iae = 2 s   ise = 1.5 s   energy_u = 3 s")
     table = m._repr_html_()

@@ -107,7 +107,7 @@ class Metrics:
         return [q for q in groups if q]
 
     def __str__(self) -> str:
-        return "\n".join("   ".join(_with_unit(*q) for q in group) for group in self._grouped())
+        return "   ".join(_with_unit(*q) for q in self.rows())
 
     def _repr_html_(self) -> str:
         lines = []
