@@ -1045,6 +1045,15 @@ def test_of_a_plant_with_one_state_and_no_output_y_is_a_number(law, jit):
             and np.array_equal(run.e, -run.x.x))
 
 
+def test_plain_blocks_see_floats():
+    plant = block(state=dict(v=1.0))(lambda x, u, k=1.0: (-0.5*((x[0] > 0.0) - (x[0] < 0.0)),))
+    law = block(state=dict(n=1.0))(
+        lambda y, z, tau: (float(type(y) is type(z[0]) is float), (z[0] + 1.0,)))
+    runs = [simulate(ClosedLoop(plant, law=law if not jit else nothing), 1.0, 0.01, jit=jit)
+            for jit in (True, False)]
+    assert np.array_equal(runs[0].x.v, runs[1].x.v) and np.all(runs[1].u == 1.0)
+
+
 def test_an_error_of_shape_speaks_of_the_shape_and_the_way_out():
     two = block(state=dict(a=1.0, b=0.0))(lambda x, u: (x[1], u))
     pair = r"= \(-?1.0, -?0.0\) \(a tuple of 2\)\. "

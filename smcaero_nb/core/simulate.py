@@ -119,7 +119,7 @@ def simulate(loop: ClosedLoop, duration: float | None = None, dt: float | None =
     every = max(-(-(n - first)//record), 1)
     rec = np.empty((-(-(n - first)//every) + 1, len(program.columns)))
     rec, end, before, k, stopped, diverged = _driven(
-        f, program, loop, rec, dt, m, n, every, first, k_tail, 1000 if jit else 20, progress)
+        f, program, loop, rec, dt, m, n, every, first, k_tail, jit, progress)
     return result(loop, program, rec, end, before, k, k_tail, dt, m, method, stopped, diverged)
 
 
@@ -166,14 +166,15 @@ def _steps(loop: ClosedLoop, duration: float, dt: float, tau: float) -> tuple[in
 
 
 def _driven(f: Callable, program: Program, loop: ClosedLoop, rec: np.ndarray, dt: float, m: int,
-            n: int, every: int, row: int, k_tail: int, chunk: int,
+            n: int, every: int, row: int, k_tail: int, jit: bool,
             progress: Callable | None) -> tuple:
     """Run a loop in chunks; return records, figures at the end and before the tail, and the end."""
     values = {q: v for q, (_, v, _) in loop.parameters().items()}
-    P = np.array([*values.values(), *constants(program, loop, dt)], float)
+    held = np.array if jit else list  # plain blocks see floats, not those of numpy
+    P = held([*map(float, values.values()), *constants(program, loop, dt)])
     x, z = loop.start()
-    S = np.array([*(program.state | x | z).values()])
-    R, names = np.array(program.ring(values), float), [*program.state]
+    S, R = held([*(program.state | x | z).values()]), held(program.ring(values))
+    names, chunk = [*program.state], 1000 if jit else 20
     peaks = [i for i, q in enumerate(program.state) if q.startswith("max_")]
     before = dict.fromkeys(names, 0.0)
     k = sample = line = 0
@@ -184,10 +185,11 @@ def _driven(f: Callable, program: Program, loop: ClosedLoop, rec: np.ndarray, dt
         k, sample, row, line, n, diverged = f(
             S, P, R, rec, dt, m*dt, m, every, n, k, stop, sample, row, line)
         if k == k_tail and first < k:
-            before = dict(zip(names, S.tolist(), strict=True))
-            S[peaks] = 0.0
+            before = dict(zip(names, map(float, S), strict=True))
+            for i in peaks:
+                S[i] = 0.0
         chunk = max(1, int((k - first)*min(8.0, CHUNK/max(time.perf_counter() - began, 1e-6))))
         if progress:
             progress(min(k/n, 1.0) if n else 1.0)
-    end = dict(zip(names, S.tolist(), strict=True))
+    end = dict(zip(names, map(float, S), strict=True))
     return rec[:line], end, before, min(k, n), n < planned, diverged
