@@ -340,3 +340,40 @@ def test_a_run_that_diverges_for_another_reason_is_not_laid_on_the_step():
 
     run = simulate(ClosedLoop(plant, law=nothing), 20.0, 1e-3)
     assert run.ended == "diverged" and all("because of it" not in q for q in run.doubts())
+
+
+@block(state=dict(p=2.0, v=0.0))
+def van_der_pol(x, u, d, mu=500.0):
+    return x[1], mu*(1.0 - x[0]**2)*x[1] - x[0] + u
+
+
+@block(state=dict(p=1.0, v=0.0))
+def hardening(x, u, d, k=1000.0):
+    return x[1], -k*x[0]**3 - 0.01*x[1] + u
+
+
+@pytest.mark.parametrize("plant, dt", [(van_der_pol, 1e-2), (hardening, 1e-3)], ids=repr)
+def test_a_nonlinear_plant_that_blew_up_by_its_step_has_a_way_out_that_works(plant, dt):
+    """The later rows of such a run are of a state without bounds, which no step would follow."""
+    loop = ClosedLoop(plant, law=nothing)
+    run = simulate(loop, 5.0, dt)
+    said, = run.doubts()
+    assert "would do" in said
+    longest = float(re.search(r"dt = (\S+) s(?: or method = .*)? would do", said)[1])
+    assert dt/1e4 < longest < dt and simulate(loop, 5.0, longest).doubts() == []
+    assert np.abs(simulate(loop, 5.0, longest).x.p).max() < 1.1*plant.values["p"]
+
+
+def test_a_plant_that_escapes_in_finite_time_is_not_laid_on_the_step():
+    @block(state=dict(y=3.0))
+    def cubic(x, u, d):
+        return x[0]**3 + u,
+
+    run = simulate(ClosedLoop(cubic, output=block(lambda x: x[0]), law=smc.smc1.sign_smc), 5.0, 1e-3)
+    assert run.ended == "diverged" and not any("euler" in q for q in run.doubts())
+
+
+def test_a_run_of_a_single_row_that_diverged_by_its_step_says_so():
+    stiff = DRIVEN.with_(plant__a0=1e6, plant__a1=1e5)
+    run = simulate(stiff, 2.0, 1e-3, record=1)
+    assert len(run.t) <= 2 and "because of it" in run.doubts()[0]

@@ -122,7 +122,8 @@ def step_doubts(run: "Run") -> list[str]:
     -------
     list of str
         Empty, or one sentence about the mode that fares worst: its frequency and damping, what it
-        does in truth and in the run, and the longest dt = tau/k, and the methods, that would do.
+        does in truth and in the run, and the longest dt = tau/k, and the methods, that would do. Of
+        a run that diverged, the first row that has such a mode is judged.
     """
     plants = _linearised(run)
     found = [(i, plant, j) for i, plant in plants
@@ -130,6 +131,9 @@ def step_doubts(run: "Run") -> list[str]:
              if _moves(run, i, plant, j, len(plants) > 1)]
     if not found:
         return []
+    if run.diverged_at is not None:  # the rows after the first that shows it are of a lost run
+        first = found[0][0]
+        plants, found = ([q for q in all_ if q[0] <= first] for all_ in (plants, found))
 
     def miss(one):
         _, plant, j = one
@@ -145,12 +149,11 @@ def _linearised(run: "Run") -> list[tuple[int, _Plant]]:
     """(row, plant) where it can be linearised: one of a linear plant, at most `ROWS` of another."""
     last, rate, plants = len(run.t) - 1, motion(run), []
     A = getattr(run.loop.stages["plant"], "A", None)
-    for k in range(ROWS if last > 0 else 0):
-        i = last*k//(ROWS - 1)
+    for i in sorted({last*k//(ROWS - 1) for k in range(ROWS if last >= 0 else 0)}):
         at = given(run, i)
         with np.errstate(all="ignore"):
             f, x = functools.partial(rate, at), vector(at["x"])
-            J = jacobian(f, x, 1e-3/(run.steps*run.dt))
+            J = jacobian(f, x, 1e-3/(run.steps*run.dt or 1.0))
             if J is None or not np.isfinite(J).all():
                 continue
             plants.append((i, _Plant(J, A)))
@@ -180,7 +183,9 @@ def _moves(run: "Run", i: int, plant: _Plant, j: int, several: bool) -> bool:
     linear plant, the run and its last third; of another, what is near the row.
     """
     lam, factor = plant.modes[j], plant.factors(run.method, run.dt)[j]
-    if lam.real <= 0.0 and _diverged(run, factor):
+    if run.diverged_at is not None and lam.real > 0.0:
+        return False  # it diverges in truth, too, however well it is followed
+    if _diverged(run, factor):
         return True
     last, span = len(run.t) - 1, len(run.t)//8
     spans = [(max(i - span, 0), min(i + span, last))] if several else [(0, last),
@@ -250,5 +255,6 @@ def _way_out(run: "Run", plants: list[_Plant]) -> str:
     counts = (round(c*10.0**k) for k in range(15) for c in (1.0, 2.0, 5.0))
     steps = (run.tau/c for c in counts if FINEST*run.dt < run.tau/c < run.dt*(1.0 - 1e-9))
     dt = next((q for q in steps if does(run.method, q)), None)
-    ways = [f"dt = {dt:.6g} s"]*bool(dt) + [f"method = {' or '.join(others)}"]*bool(others)
+    ways = [f"dt = {dt:.6g} s"] if dt else []
+    ways += [f"method = {' or '.join(others)}"] if others else []
     return f"; {' or '.join(ways)} would do" if ways else ""
