@@ -352,16 +352,16 @@ def hardening(x, u, d, k=1000.0):
     return x[1], -k*x[0]**3 - 0.01*x[1] + u
 
 
-@pytest.mark.parametrize("plant, dt", [(van_der_pol, 1e-2), (hardening, 1e-3)], ids=repr)
+@pytest.mark.parametrize("plant, dt", [(van_der_pol, 1e-2), (hardening, 4e-3)], ids=repr)
 def test_a_nonlinear_plant_that_blew_up_by_its_step_has_a_way_out_that_works(plant, dt):
     """The later rows of such a run are of a state without bounds, which no step would follow."""
-    loop = ClosedLoop(plant, law=nothing)
-    run = simulate(loop, 5.0, dt)
+    loop = ClosedLoop(plant, law=nothing, duration=5.0)
+    run = simulate(loop, dt=dt)
     said, = run.doubts()
-    assert "would do" in said
+    assert "the run diverged because of it; dt = " in said
     longest = float(re.search(r"dt = (\S+) s(?: or method = .*)? would do", said)[1])
-    assert dt/1e4 < longest < dt and simulate(loop, 5.0, longest).doubts() == []
-    assert np.abs(simulate(loop, 5.0, longest).x.p).max() < 1.1*plant.values["p"]
+    assert dt/1e4 < longest < dt and simulate(loop, dt=longest).doubts() == []
+    assert np.abs(simulate(loop, dt=longest).x.p).max() < 1.1*plant.values["p"]
 
 
 def test_a_plant_that_escapes_in_finite_time_is_not_laid_on_the_step():
@@ -369,7 +369,8 @@ def test_a_plant_that_escapes_in_finite_time_is_not_laid_on_the_step():
     def cubic(x, u, d):
         return x[0]**3 + u,
 
-    run = simulate(ClosedLoop(cubic, output=block(lambda x: x[0]), law=smc.smc1.sign_smc), 5.0, 1e-3)
+    run = simulate(ClosedLoop(cubic, output=block(lambda x: x[0]), law=smc.smc1.sign_smc), 5.0,
+                   1e-3)
     assert run.ended == "diverged" and not any("euler" in q for q in run.doubts())
 
 

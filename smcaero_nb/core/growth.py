@@ -123,7 +123,7 @@ def step_doubts(run: "Run") -> list[str]:
     list of str
         Empty, or one sentence about the mode that fares worst: its frequency and damping, what it
         does in truth and in the run, and the longest dt = tau/k, and the methods, that would do. Of
-        a run that diverged, the first row that has such a mode is judged.
+        a run that diverged because of it, the first row that has such a mode is judged.
     """
     plants = _linearised(run)
     found = [(i, plant, j) for i, plant in plants
@@ -131,9 +131,12 @@ def step_doubts(run: "Run") -> list[str]:
              if _moves(run, i, plant, j, len(plants) > 1)]
     if not found:
         return []
-    if run.diverged_at is not None:  # the rows after the first that shows it are of a lost run
+    because = any(_diverged(run, complex(p.factors(run.method, run.dt)[j])) for _, p, j in found)
+    if because:  # the state of the row that shows it may have lost all bounds: an earlier one tells
+        found = [(i, p, j) for i, p in plants for j in p.wrong(run.method, run.dt, run.steps)
+                 if i <= found[0][0] and p.modes[j].real <= 0.0]
         first = found[0][0]
-        plants, found = ([q for q in all_ if q[0] <= first] for all_ in (plants, found))
+        plants, found = ([q for q in some if q[0] == first] for some in (plants, found))
 
     def miss(one):
         _, plant, j = one
@@ -142,7 +145,9 @@ def step_doubts(run: "Run") -> list[str]:
 
     _, plant, j = max(found, key=miss)
     factor = complex(plant.factors(run.method, run.dt)[j])
-    return [_said(run, complex(plant.modes[j]), factor) + _way_out(run, [p for _, p in plants])]
+    why = "; the run diverged because of it"*because
+    said = _said(run, complex(plant.modes[j]), factor)
+    return [said + why + _way_out(run, [p for _, p in plants])]
 
 
 def _linearised(run: "Run") -> list[tuple[int, _Plant]]:
@@ -238,15 +243,16 @@ def _said(run: "Run", lam: complex, factor: complex) -> str:
         does_now = f"has a frequency of {abs(np.log(factor).imag)/run.dt:.5g} rad/s"
     else:
         does_now = does(seen)
-    because = "; the run diverged because of it"*_diverged(run, factor)
     return (f"{run.method} with dt = {run.dt:g} s does not follow the plant's mode of "
             f"{abs(lam):.3g} rad/s (damping ratio {damping:.3g}), which {does(truth)}: in "
-            f"the run it {does_now}{because}")
+            f"the run it {does_now}")
 
 
 def _way_out(run: "Run", plants: list[_Plant]) -> str:
     """The longest step, and the methods, that would do, in words."""
     time = run.steps*run.dt
+    if run.diverged_at is not None:  # it has to do to the end that was planned
+        time = max(time, run.loop.duration or 0.0)
 
     def does(method, dt):
         return not any(len(p.wrong(method, dt, round(time/dt), PROPOSED)) for p in plants)
