@@ -105,9 +105,6 @@ DOUBTS = {
         ("u is at the limit", grown(3075.0)), ("limit", at(0, -10.0, 10.0))],
     "motor adaptive_smc speed": [
         ("u is at the limit", grown(3075.0)), ("limit", at(0, -10.0, 10.0))],
-    "motor quasi_continuous angle": [("more than L = 800", exceeds(800.0, 1))],
-    "motor levant2005 angle": [("more than L = 800", exceeds(800.0, 1))],
-    "motor nested angle": [("more than L = 750", exceeds(750.0, 1))],
 }
 
 

@@ -10,7 +10,7 @@ from .card import Law
 from .growth import step_doubts
 from .param import switch, texted
 from .perturbation import UNFIT, laws, slope
-from .sliding import at_limit, backwards, gains, growing, rows_of, tail_rows
+from .sliding import answer, at_limit, gains, growing, rows_of, tail_rows
 from .zeros import zero_doubts
 
 if TYPE_CHECKING:
@@ -79,7 +79,9 @@ def doubts(run: "Run") -> list[str]:
     The perturbation is `Run.xi`, computed from the run, in its second half: on the way to sigma = 0
     the plant itself may perturb more. A peak of a single row, as from a step in the command, does
     not count. Changes faster than the recorded rows are averaged out. Where sigma is estimated and
-    no xi can be found, the reason is said.
+    no xi can be found, the reason is said. Where sigma rests, the control that holds it there shows
+    what is needed, too: its mean over 1 % of the rows counts if it is less than xi, since what
+    chattering leaves in xi, behind a latency or a plant whose gain is not 1, does not perturb.
 
     sigma does not come to rest where it leaves the band of `reaching_time` in the tail and does not
     fall from each tenth of the run to the next, at last by a tenth or as steadily as before. The
@@ -116,18 +118,35 @@ def _assumed(run: "Run") -> list[str | None]:
     reason = f"xi is not known: {run.no_xi}" if half >= 6 and run.no_xi not in ("", UNFIT) else None
     unsure = run._perturbation[2] if known else [0.0]*len(laws(run))
     said = []
-    for (b, *_), xi, less in zip(laws(run), _each(run, run.xi if known else None), unsure,
-                                 strict=True):
+    for i, ((b, _, _, integral), xi, less) in enumerate(
+            zip(laws(run), _each(run, run.xi if known else None), unsure, strict=True)):
         if b.theorem is None or xi is None:
             said.append(reason if b.theorem else None)
             continue
-        xi = np.array(xi)[..., half:]
-        rate = np.diff(xi)/np.diff(run.t[half:])
-        size, rate = (np.abs(q) if q.ndim == 1 else np.sqrt((q*q).sum(axis=0)) for q in (xi, rate))
-        said.append(b.theorem(
-            dict(b.values), max(0.0, np.minimum(size[1:], size[:-1]).max() - less),
-            np.minimum(np.minimum(rate[2:], rate[1:-1]), rate[:-2]).max()))
+        size, rate = _greatest(run, xi)
+        size = max(0.0, size - less)
+        if all(run._motions[j].rests for j in _mine(run, i)):
+            held = integral if isinstance(integral, tuple) else (integral,)
+            equivalent = np.array([slope(run.t, q) for q in held])
+            size, rate = np.minimum((size, rate), _greatest(run, equivalent))
+        said.append(b.theorem(dict(b.values), float(size), float(rate)))
     return said
+
+
+def _greatest(run: "Run", xi: Any) -> tuple[float, float]:
+    """Greatest |xi| and |xi'| of the second half of a run, without peaks of a single row."""
+    half = len(run.t)//2
+    xi = np.atleast_2d(np.array(xi))[:, half:]
+    rate = np.diff(xi)/np.diff(run.t[half:])
+    size, rate = (np.sqrt((q*q).sum(axis=0)) for q in (xi, rate))
+    return (np.minimum(size[1:], size[:-1]).max(),
+            np.minimum(np.minimum(rate[2:], rate[1:-1]), rate[:-2]).max())
+
+
+def _mine(run: "Run", i: int) -> Any:
+    """Which sliding variables are those of a law."""
+    count = len(run._motions)
+    return [i] if count == len(laws(run)) else range(count)
 
 
 def _moving(run: "Run") -> list[str]:
@@ -141,13 +160,13 @@ def _moving(run: "Run") -> list[str]:
     said = []
     for i, (b, (symbol, k), xi) in enumerate(
             zip(blocks, gains(run), _each(run, run.xi), strict=True)):
-        mine = [i] if len(found) == len(blocks) else range(len(found))
+        mine = _mine(run, i)
         ways = [found[j].said(leaves[j].key) for j in mine if isinstance(b.card, Law)
                 and not found[j].rests and not found[j].approaches]
         lost = ways if run.diverged_at is None else []
         adapts = b.card.adapts if isinstance(b.card, Law) else None
-        if any(not found[j].crosses for j in mine) and ways and backwards(run):
-            lost.append("more of v moves sigma up, not down: the gain has the wrong sign")
+        if ways and not any(found[j].crosses for j in mine):
+            lost += _wrong(answer(run))
         grows = k is not None and growing(run, k)
         if (lost or grows) and adapts and xi is not None:
             lost += filter(None, [_outrun(run, b, adapts, xi, i)])
@@ -157,6 +176,14 @@ def _moving(run: "Run") -> list[str]:
                         f"{100.0*(k[-1]/first - 1.0):.0f} % more than at the beginning of the tail")
         said.append("; ".join(lost))
     return said
+
+
+def _wrong(moved: float | None) -> list[str]:
+    """What is wrong with how v moves sigma, in words."""
+    if moved is None or moved < 0.0:
+        return []
+    return ["more of v moves sigma up, not down: the gain has the wrong sign" if moved > 0.0 else
+            "v does not move sigma"]
 
 
 def _each(run: "Run", xi: Any) -> list:

@@ -134,9 +134,10 @@ def step_doubts(run: "Run") -> list[str]:
     because = any(_diverged(run, complex(p.factors(run.method, run.dt)[j])) for _, p, j in found)
     if because:  # the state of the row that shows it may have lost all bounds: an earlier one tells
         found = [(i, p, j) for i, p in plants for j in p.wrong(run.method, run.dt, run.steps)
-                 if i <= found[0][0] and p.modes[j].real <= 0.0]
+                 if i <= found[0][0] and np.real(p.modes[j]) <= 0.0]
         first = found[0][0]
-        plants, found = ([q for q in some if q[0] == first] for some in (plants, found))
+        plants = [q for q in plants if q[0] == first]
+        found = [q for q in found if q[0] == first]
 
     def miss(one):
         _, plant, j = one

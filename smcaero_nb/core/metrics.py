@@ -121,7 +121,7 @@ class Metrics:
 
 def _said(name: str, v: float | None) -> str:
     """A figure in words."""
-    if v is None:
+    if v is None or math.isnan(v):
         return "no sliding" if name == "reaching_time" else "none"
     missed = {"reaching_time": "not reached", "settling_time": "not settled",
               "rise_time": "not reached"}
@@ -158,20 +158,27 @@ def reaching_time(run: "Run", band: float | None = None) -> list[float | None]:
     Without a `band`, sigma is at rest if, throughout the tail, \|sigma\| is at most the sum of
 
     - the band that the law itself accepts, where its card has one: 19 eps of a sigmoid, 1.84 eps of
-      a tanh (\|v\| is then 95 % of rho), eps of a saturation, delta, 12 mu, 3 sqrt(mu_1) of the
-      adaptive laws, the dead band of an on-off thruster;
+      a tanh (\|v\| is then 95 % of rho), eps of a saturation, 1.25 delta, 12 mu, 3 sqrt(mu_1) of
+      the adaptive laws, the dead band of an on-off thruster; but eps, delta, mu, sqrt(mu_1) where
+      \|xi\| exceeds the bound of the law, the actuator is at its limit for 95 % of the tail, or
+      more of v does not move sigma down;
     - what sampling allows: as far as sigma moves, at the greatest \|sigma'\| of the tail, in
       5 2^(p-1) samples, p the order of sliding (5, 10, 20, 40 for p = 1 to 4); behind a
-      differentiator with n outputs in 3^n or 3^p, whichever is more; and in the loop's latency;
+      differentiator with n outputs in 3^n or 3^p, whichever is more; nothing where sigma depends
+      on u itself;
     - 1e-5 of the maximum \|sigma\|; where sigma is estimated or behind a sensor, 2e-3, and twice
       what the estimate of a sliding variable is wrong by, at most 5 %;
 
     and if the gain that an adaptive law adapts does not still grow. The reaching time is then that
     after which \|sigma\| stays within this sum, of a sigmoid or tanh with eps, of an adaptive law
-    with mu; or within twice its tail value, if that is more. So neither a sigma that stands still,
-    nor one that grows, nor a limit cycle of many samples, counts as sliding.
+    with delta or mu, and with no more of what sampling allows than a tenth of the maximum
+    \|sigma\|; or within twice its tail value, if that is more. So neither a sigma that stands
+    still, nor one that grows, nor a limit cycle of many samples, be it of a latency, counts as
+    sliding. Of a run recorded from `since` on, it is at most the time that is found.
 
-    The tail is that of the run, or the last fifth of a run that ended before it. Measured on all
+    The tail is that of the run, but at least a tenth and at most half of it, or the last fifth of a
+    run that ended before it; where the command jumps in it, the longest part between two jumps, if
+    that is 30 % of it, its first half left out after a jump. Measured on all
     laws of the kit, for r = 1 to 4 and tau from 1e-4 to 1e-2 s, sliding takes up to 1, 2.1, 4.6 and
     8.5 samples for p = 1 to 4, behind an actuator as fast as the sampling up to 4, and with a
     differentiator up to 6, 15 and 46 for 2 to 4 outputs.

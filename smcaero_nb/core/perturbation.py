@@ -12,7 +12,7 @@ from .signal import flat
 if TYPE_CHECKING:
     from .run import Run
 
-__all__ = ["UNFIT", "degree", "laws", "perturbation", "slope", "true_sigma"]
+__all__ = ["UNFIT", "degree", "jumps", "laws", "perturbation", "slope", "true_sigma"]
 
 SIDE = 200  # 1/SIDE of the rows on either side of one count where derivatives are estimated
 UNFIT = "v does not match sigma"
@@ -115,14 +115,19 @@ def _side(n: int, times: float) -> int:
     return min(max(4, round(times*n/SIDE)), (n - 1)//2)
 
 
-def _smooth(steps: np.ndarray) -> np.ndarray:
-    """Steps of a signal, those of a jump replaced by the ones before it."""
+def jumps(steps: np.ndarray) -> np.ndarray:
+    """Return which steps of a signal are jumps, much larger than their neighbours."""
     size = np.pad(np.abs(steps), 3, "edge")
     near = np.max([size[:-6], size[1:-5], size[5:-1], size[6:]], axis=0)
-    jumps = np.abs(steps) > JUMP*near + 1e-12*size.max()
-    if not jumps.any():
+    return np.abs(steps) > JUMP*near + 1e-12*size.max()
+
+
+def _smooth(steps: np.ndarray) -> np.ndarray:
+    """Steps of a signal, those of a jump replaced by the ones before it."""
+    jumped = jumps(steps)
+    if not jumped.any():
         return steps
-    kept = np.flatnonzero(~jumps)
+    kept = np.flatnonzero(~jumped)
     return np.interp(np.arange(len(steps)), kept, steps[kept]) if len(kept) else 0.0*steps
 
 

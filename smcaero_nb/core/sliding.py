@@ -1,6 +1,7 @@
 """Whether a run slides: sigma at rest, the actuator within its limits, the gain settled."""
 
 import functools
+import itertools
 import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -9,27 +10,33 @@ import numpy as np
 
 from .card import Law
 from .leaves import at
+from .linear import given, motion, row, vector
 from .param import Param
-from .perturbation import degree, laws
+from .perturbation import degree, jumps, laws
 from .program import parts
 from .rows import evaluated, taken
 from .signal import flat
+from .zeros import pushed, slid
 
 if TYPE_CHECKING:
     from .block import Block
     from .run import Run
 
-__all__ = ["Motion", "at_limit", "backwards", "gains", "growing", "motions", "rows_of",
-           "slides", "tail_rows"]
+__all__ = ["Motion", "answer", "at_limit", "gains", "growing", "motions", "rows_of", "slides",
+           "tail_rows"]
 
 LAST = 0.2  # of the run: its tail, where `simulate` made none
+SHORTEST, LONGEST = 0.1, 0.5  # of the run: the tail that is judged
+CALM = 0.3  # of the tail, in which no command jumps: it alone is judged
 SAMPLES, ESTIMATED = (5.0, 2.0), (3.0, 3.0)  # see `reaching_time`
 FLOOR, ROUGH = 1e-5, 2e-3  # of the maximum |sigma|: that is zero; where it is estimated
 WRONG = 0.05  # of the maximum |sigma|: as much of what an estimate is wrong by is excused
 # A sigma that still approaches zero falls by SLOW at least from part to part of the second half,
 # and at last to FALLS, or as steadily as before.
 PARTS, FALLS, SLOW = 5, 0.9, 0.005
-LEAD = 20  # samples in which a plant shows which way it is pushed
+NEAR = 0.1  # of the maximum |sigma|: what sampling allows beyond is not the way to rest
+LEAD, MOST = 20, 400  # samples, steps in which a plant shows which way it is pushed
+HELD = 0.95  # of the tail: an actuator at its limit for as long controls nothing
 STILL = 1e-3  # of |v|: a sigma' as small does not move sigma
 GROWS = 0.02  # of the gain: growth in the tail
 ROWS = 100  # at which the actuator and a band that changes are judged
@@ -47,7 +54,7 @@ class Motion(NamedTuple):
         Greatest |sigma| of the tail, and that at which it counts as rest.
     near : float
         |sigma| from which on it is there: the band that the law accepts and what sampling allows,
-        or twice the tail.
+        at most a tenth of the greatest, or twice the tail.
     rests : bool
         Whether it stays within the band throughout the tail.
     approaches : bool
@@ -56,6 +63,8 @@ class Motion(NamedTuple):
         Whether it changes its sign in the tail.
     still : bool
         Whether it stands still in the tail, however large v is.
+    direct : bool
+        Whether it depends on u itself.
     """
 
     size: np.ndarray
@@ -66,6 +75,7 @@ class Motion(NamedTuple):
     approaches: bool
     crosses: bool
     still: bool
+    direct: bool
 
     def said(self, key: str) -> str:
         """Return that it does not rest, in words."""
@@ -74,27 +84,51 @@ class Motion(NamedTuple):
                     "and the xi that is found is v itself")
         tail = f"{self.tail:.3g}"
         how = f"swings within {tail}" if self.crosses else f"is {tail} away from 0"
+        why = (f"; {key} depends on u itself (relative degree 0), so that nothing slides: put the "
+               "lag of the actuator, or of the sensor, into the plant")*self.direct
         return (f"{key} does not come to rest: it {how}, where sliding would keep it within "
-                f"{self.band:.3g}")
+                f"{self.band:.3g}{why}")
 
 
 def slides(b: "Block | None") -> bool:
-    """Return whether a law may slide: its card, if it has one, is that of a sliding mode law."""
-    return b is not None and (b.card is None or isinstance(b.card, Law))
+    """Return whether a law may slide: a sliding mode law, or one without a card that sees sigma."""
+    return b is not None and (isinstance(b.card, Law) or b.card is None and "sigma" in b.signals)
 
 
 def tail_rows(run: "Run") -> slice:
-    """The rows of the tail; of a run that ended before it, its last fifth."""
-    last = run.tail or LAST*run.t[-1]
-    first = int(np.searchsorted(run.t, run.t[-1] - last*(1.0 + TINY), "right"))
+    """Return the rows of the tail, a tenth to a half of the run; else those of its last fifth."""
+    end = run.t[-1]
+    last = min(max(run.tail or LAST*end, SHORTEST*end), LONGEST*end)
+    first = int(np.searchsorted(run.t, end - last*(1.0 + TINY), "right"))
+    first = max(first, int(run.t[0] > 0.0))  # the first row of a stretch tells of all before it
     return slice(min(first, len(run.t) - 1), len(run.t))
+
+
+def _calm(run: "Run") -> slice:
+    """The longest part of the tail without a jump of the command; all of it if that is short.
+
+    Of each part that begins with a jump, in the tail or up to half its length before, the first
+    half is left out: sigma is on its way.
+    """
+    tail = tail_rows(run)
+    count = tail.stop - tail.start
+    if count < 8:
+        return tail
+    first = max(tail.start - count//2, 0)
+    jumped = np.any([jumps(np.diff(r[first:], append=r[-1])) for r in flat(run.r)], axis=0)[:-1]
+    cuts = [first, *(first + 1 + np.flatnonzero(jumped)).tolist(), tail.stop]
+    parts = [(max(a + (b - a)//2*(a > first), tail.start), b) for a, b in itertools.pairwise(cuts)]
+    start, stop = max(parts, key=lambda q: q[1] - q[0])
+    return slice(start, stop) if stop - start >= CALM*count else tail
 
 
 def motions(run: "Run") -> list[Motion]:
     """Return how each sliding variable ends; `reaching_time` has the rule by which it rests."""
     leaves = [q for q in run.leaves("sigma") if not q.derivative and len(run.t)]
-    blocks = _blocks(run, len(leaves))
-    return [_motion(run, q.path, *b) for q, b in zip(leaves, blocks, strict=True)]
+    blocks, direct = _blocks(run, len(leaves)), _direct(run) or []
+    direct = direct if len(direct) == len(leaves) else [False]*len(leaves)
+    return [_motion(run, q.path, *b, direct=d)
+            for q, b, d in zip(leaves, blocks, direct, strict=True)]
 
 
 def _blocks(run: "Run", count: int) -> list[tuple]:
@@ -115,28 +149,46 @@ def _blocks(run: "Run", count: int) -> list[tuple]:
     return found
 
 
-def _motion(run: "Run", path: tuple, b: Any, sigma: Any, v: Any, xi: Any) -> Motion:
+def _motion(run: "Run", path: tuple, b: Any, sigma: Any, v: Any, xi: Any, *,
+            direct: bool) -> Motion:
     low, high = at(run.low.sigma, path), at(run.high.sigma, path)
-    size, tail = np.maximum(np.abs(low), np.abs(high)), tail_rows(run)
+    size, tail = np.maximum(np.abs(low), np.abs(high)), _calm(run)
     t, last = run.t[tail], size[tail]
     crosses = bool(low[tail].min() < 0.0 < high[tail].max())
     flips = crosses and isinstance(getattr(b, "card", None), Law) and not b.card.continuous
     speed = _speed(run, path, tail, sigma, v, xi, flips)
     estimated = bool(run.loop.stages["differentiator"] or run.loop.stages["sensor"])
-    move = speed*_samples(run, path, b, sigma, v) + (ROUGH if estimated else FLOOR)*size.max()
+    samples = 0.0 if direct else _samples(run, path, b, sigma, v)
+    move = speed*samples + (ROUGH if estimated else FLOOR)*size.max()
     if estimated and isinstance(sigma, np.ndarray) and (true := run.true_sigma) is not None:
         wrong = float(np.abs(at(run.sigma, path) - at(true, path))[tail].max())
         move += min(2.0*wrong, WRONG*size.max())
-    bands, near = np.full(len(t), move), move
+    bands, near = np.full(len(t), move), min(move, NEAR*float(size.max()))
     if b is not None and b.band:
         some = rows_of(slice(0, len(t)))
         own = np.array([b.band(q, b.values) for q in t[some].tolist()])
-        held = np.searchsorted(some, np.arange(len(t)), "right") - 1
-        bands, near = bands + b.card.within*own[held], move + own[-1]
+        own, near = own[np.searchsorted(some, np.arange(len(t)), "right") - 1], near + own[-1]
+        wide = (last > bands + own).any() and (last <= bands + b.card.within*own).all()
+        held = not wide or _holds(run, b, None if xi is None else xi[tail])
+        bands = bands + (b.card.within if held else 1.0)*own
     push = 0.0 if v is None or isinstance(v, tuple) else float(np.abs(v[tail]).min())
     return Motion(size, float(last.max()), float(bands.min()),
                   max(2.0*float(last.max()), float(near)), bool((last <= bands).all()),
-                  _falls(size), crosses, not crosses and speed <= STILL*push)
+                  _falls(size), crosses, not crosses and speed <= STILL*push, direct)
+
+
+def _holds(run: "Run", b: "Block", xi: np.ndarray | None) -> bool:
+    """Whether a law holds sigma where it rests beside 0: its bound, the actuator and the sign."""
+    if b.theorem and xi is not None and b.theorem(dict(b.values), _peak(np.abs(xi)), 0.0):
+        return False
+    limits, moved = at_limit(run, rows_of(tail_rows(run))), answer(run)
+    saturated = limits and all(q.mean() > HELD for q in limits)
+    return not saturated and (moved is None or moved < 0.0)
+
+
+def _peak(size: np.ndarray) -> float:
+    """The greatest but two: a jump of the command is one row."""
+    return float(np.sort(size)[-min(3, len(size))])
 
 
 def _falls(size: np.ndarray) -> bool:
@@ -158,7 +210,7 @@ def _speed(run: "Run", path: tuple, tail: slice, sigma: Any, v: Any, xi: Any,
     else:
         s = at(run.sigma, path)
         rate = np.abs(np.diff(s, prepend=s[:1])/np.diff(run.t, prepend=-run.tau))[tail]
-    return float(np.sort(rate)[-min(3, len(rate))])  # a jump of the command is one row
+    return _peak(rate)
 
 
 def _samples(run: "Run", path: tuple, b: Any, sigma: Any, v: Any) -> float:
@@ -170,10 +222,10 @@ def _samples(run: "Run", path: tuple, b: Any, sigma: Any, v: Any) -> float:
         (count, base), e = ESTIMATED, run.e_hat
         many = isinstance(e, tuple) and isinstance(e[0], tuple) and path
         n = max(n, len(flat(e[path[0]] if many else e)) - 1)
-    return count*base**n*run.tau + run.loop.latency
+    return count*base**n*run.tau
 
 
-def _told(f: Callable) -> Callable:
+def _told(f: Callable) -> Any:
     """Make a function of a run return what it says, or None where a block cannot be evaluated."""
     @functools.wraps(f)
     def told(*args):
@@ -185,34 +237,42 @@ def _told(f: Callable) -> Callable:
     return told
 
 
-@_told
-def backwards(run: "Run") -> bool | None:
-    """Whether more of v moves the error up: then the gain of the plant has the other sign.
+def _led(run: "Run", steps: int) -> np.ndarray | None:
+    """What a little more of v adds to each sliding variable, so many steps after the last row."""
+    at = given(run, -1) | {n: row(getattr(run, n), -1) for n in ("r", "y", "e", "v")}
+    found, push = slid(run, at), pushed(run, at)
+    if found is None or push is None:
+        return None
+    rate, ends, v = motion(run), [], vector(push[0])
+    for w in (v, v + np.maximum(1e-3, 1e-3*np.abs(v))):
+        x, u = vector(at["x"]), push[1](w)
+        for k in range(steps):
+            x = x + run.dt*rate({**at, "t": at["t"] + k*run.dt, "u": u}, x)
+        ends.append(found(x, u))
+    return ends[1] - ends[0]
 
-    The plant is led on from the last row, without and with a little more of v; known of loops with
-    one input.
+
+@_told
+def answer(run: "Run") -> float | None:
+    """Return how far a little more of v moves sigma: down, unless the gain has the wrong sign.
+
+    The plant is led on from the last row, without and with it; known of loops with one input.
     """
-    plant, output = run.loop.stages["plant"], run.loop.stages["output"]
     if isinstance(run.u, tuple) or isinstance(run.v, tuple):
-        return False
-    x, d = (taken(q, -1) for q in (tuple(vars(run.x).values()), run.d))
-    u, v, last = float(run.u[-1]), run.v[-1:], slice(len(run.t) - 1, None)
-    more = max(1e-3, 1e-3*abs(float(v[0])))
-    if run.loop.stages["allocation"]:
-        a, b = (evaluated(run, "allocation", {"v": q}, last)[0] for q in (v, v + more))
-        more = float(b - a)
-    p, moved = run.loop.p, []
-    for force in (u, u + more):
-        z = x
-        for k in range(LEAD):
-            t = float(run.t[-1]) + k*run.tau
-            have = {"t": t, "x": z, "u": force, "d": d}
-            rates = plant.f(*(have[n] for n in plant.signals), *p["plant"])
-            z = tuple(q + run.tau*w for q, w in zip(z, rates, strict=True))
-        have = {"t": float(run.t[-1]), "x": z, "u": force, "d": d}
-        moved.append(flat(output.f(*(have[n] for n in output.signals), *p["output"])
-                          if output else z)[0])
-    return bool(moved[1] < moved[0])
+        return None
+    moved = _led(run, min(LEAD*round(run.tau/run.dt), MOST))
+    return None if moved is None or not np.isfinite(moved[0]) else float(moved[0])
+
+
+@_told
+def _direct(run: "Run") -> list[bool] | None:
+    """Whether each sliding variable depends on u itself, with nothing that holds it back."""
+    output, actuator = run.loop.stages["output"], run.loop.stages["actuator"]
+    asks = output is not None and any("u" in q.signals for q in parts(output))
+    if not asks or actuator is not None and any(q.states for q in parts(actuator)):
+        return None
+    moved = _led(run, 0)
+    return None if moved is None else [bool(q != 0.0) for q in moved]
 
 
 # ---- the gain, and the actuator ------------------------------------------------------------------

@@ -17,7 +17,7 @@ from .signal import filled, flat, shape
 if TYPE_CHECKING:
     from .run import Run
 
-__all__ = ["named", "of_run", "unstable", "zero_doubts", "zeros"]
+__all__ = ["named", "of_run", "pushed", "slid", "unstable", "zero_doubts", "zeros"]
 
 HIT = 1e-6  # of the sum of the paths: an input acts on a derivative
 SINGULAR = 1e9  # condition of the gains above which the inputs do not act one by one
@@ -93,15 +93,15 @@ def of_run(run: "Run") -> np.ndarray:
     """
     at = given(run, 0) | {n: row(getattr(run, n), 0) for n in ("r", "y", "e", "v")}
     rate = motion(run)
-    slid, push = _sliding(run, at), _pushed(run, at)
-    if slid is None or push is None:
+    found, push = slid(run, at), pushed(run, at)
+    if found is None or push is None:
         return np.empty(0, complex)
     x, v, floor = vector(at["x"]), vector(push[0]), 1e-3/(run.steps*run.dt or 1.0)
     with np.errstate(all="ignore"):
         A = jacobian(functools.partial(rate, at), x, floor)
         B = jacobian(lambda q: rate({**at, "u": push[1](q)}, x), v, floor)
-        C = jacobian(lambda q: slid(q, at["u"]), x, floor)
-        D = jacobian(lambda q: slid(x, push[1](q)), v, floor)
+        C = jacobian(lambda q: found(q, at["u"]), x, floor)
+        D = jacobian(lambda q: found(x, push[1](q)), v, floor)
     if any(q is None or not np.isfinite(q).all() for q in (A, B, C, D)):
         return np.empty(0, complex)
     return zeros(A, B, C, D)  # pyright: ignore[reportArgumentType]
@@ -112,8 +112,8 @@ def _plain(b: Any) -> bool:
     return not isinstance(b, Chain) and not any(q.states for q in parts(b))
 
 
-def _pushed(run: "Run", at: dict) -> tuple[Any, Callable] | None:
-    """The law's v at the start and u as a function of it; where none allocates, u itself."""
+def pushed(run: "Run", at: dict) -> tuple[Any, Callable] | None:
+    """Return the law's v at a row and u as a function of it; where none allocates, u itself."""
     allocation = run.loop.stages["allocation"]
     if allocation is None:
         return at["u"], lambda q: filled(shape(at["u"]), iter(q.tolist()))
@@ -123,8 +123,8 @@ def _pushed(run: "Run", at: dict) -> tuple[Any, Callable] | None:
     return at["v"], lambda q: called(allocation, {**at, "v": filled(form, iter(q.tolist()))})
 
 
-def _sliding(run: "Run", at: dict) -> Callable | None:
-    """The sliding variables, one of each channel, as a function of x and u."""
+def slid(run: "Run", at: dict) -> Callable | None:
+    """Return the sliding variables, one of each channel, as a function of x and u."""
     loop, form, y0 = run.loop, shape(at["x"]), vector(at["y"])
     output, surface = loop.stages["output"], loop.stages["surface"]
     through = surface and not loop.stages["differentiator"] and _plain(surface)
@@ -136,7 +136,7 @@ def _sliding(run: "Run", at: dict) -> Callable | None:
     if not (output or through):  # the states are no outputs: the first is taken for one
         paths = paths[:1]
 
-    def slid(x: np.ndarray, u: Any) -> np.ndarray:
+    def variables(x: np.ndarray, u: Any) -> np.ndarray:
         values = {**at, "x": filled(form, iter(x.tolist())), "u": u}
         y = called(own, values) if own else values["x"]
         e = vector(at["e"]) - (vector(y) - y0)
@@ -145,7 +145,7 @@ def _sliding(run: "Run", at: dict) -> Callable | None:
             s = called(surface, {**values, "y": y, "e": s})
         return np.array([leaf(s, path) for path in paths], float)
 
-    return slid
+    return variables
 
 
 def zero_doubts(run: "Run") -> list[str]:

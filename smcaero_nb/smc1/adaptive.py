@@ -26,7 +26,9 @@ def accepted(t, values):
     return values["delta"]
 
 
+# Near delta the gain grows ever more slowly: sigma is at rest within a quarter more.
 GROWING = Law(r=1, adaptive=True, needs="that |xi| is bounded", gain="rho", band=accepted,
+              within=1.25,
               guarantees="|sigma| <= delta after a finite time", source=(KODE, HUANG_2008))
 
 
