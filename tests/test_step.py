@@ -378,3 +378,23 @@ def test_a_run_of_a_single_row_that_diverged_by_its_step_says_so():
     stiff = DRIVEN.with_(plant__a0=1e6, plant__a1=1e5)
     run = simulate(stiff, 2.0, 1e-3, record=1)
     assert len(run.t) <= 2 and "because of it" in run.doubts()[0]
+
+
+@block(state=dict(a=0.0, b=0.0, c=0.0, e=0.0))
+def two_modes(x, u, d, w1=1.0, z1=0.1, w2=10.0, z2=0.1, n=0.0):
+    """The second mode rings beside a larger motion that the first, slower one forces on it."""
+    return (x[1], u - w1*w1*x[0] - 2.0*z1*w1*x[1] - n*x[0]**3,
+            x[3], w2*w2*(u + x[0] - x[2]) - 2.0*z2*w2*x[3])
+
+
+@pytest.mark.parametrize("w1, z1, w2, z2, n", [
+    (7.56, 0.0112, 21.2, 0.0043, 0.0), (3.28, 0.0349, 12.9, 0.0032, 0.0),
+    (3.28, 0.0349, 12.9, 0.0032, 1.0), (1.49, 0.2, 40.0, 0.01, 0.0), (1.0, 0.02, 25.0, 0.01, 0.3)])
+def test_a_mode_that_rings_beside_a_larger_motion_is_seen(w1, z1, w2, z2, n):
+    """Euler's growth w^2 dt/2 is about as large as the damping z w, or larger."""
+    loop = ClosedLoop(two_modes.with_(w1=w1, z1=z1, w2=w2, z2=z2, n=n, a=0.9, c=0.9),
+                      law=sine.with_(w=0.9), duration=20.0, dt=1e-3)
+    assert any("euler with dt = 0.001 s" in q for q in simulate(loop).doubts())
+    assert simulate(loop, method="rk4").doubts() == []
+    still = loop.with_(plant__z1=0.7, plant__z2=0.7)
+    assert simulate(still, dt=1e-4).doubts() == []

@@ -15,6 +15,7 @@ import numpy as np
 from .exact import integral
 from .linear import given, jacobian, motion, row, vector
 from .program import METHODS, methods
+from .signal import flat
 
 if TYPE_CHECKING:
     from .run import Run
@@ -27,6 +28,7 @@ SHORT = 4.0  # steps: a mode that dies out within them does no harm
 OVERSHOOT = 0.1  # of a first-order lag that changes its sign from step to step
 ROWS = 5  # at which a nonlinear plant is linearised
 SEEN = 12  # rows at which the motion of a mode is looked at
+LIGHT, RESOLVED = 0.1, 1.0  # of |lambda|: a mode that may ring; its phase from row to row
 FREE = 0.1  # share of a mode's motion that has to be its own
 BLOWN = 10.0  # growth of a mode, as a logarithm, that makes a run diverge
 FINEST = 1e-6  # of the step, the finest that is proposed
@@ -185,7 +187,8 @@ def _moves(run: "Run", i: int, plant: _Plant, j: int, several: bool) -> bool:
 
     Of its coordinate m = w x (w the left eigenvector), less its mean, m' = lambda m + force. The
     mode moves by itself if :math:`\epsilon/dt` is not small against the force that acts on m, and
-    if m' is not small against lambda m, as where m only follows the force. Looked at are, of a
+    if m' is not small against lambda m, as where m only follows the force; or if it rings beside a
+    larger, slower motion that is forced on it (`_rings`). Looked at are, of a
     linear plant, the run and its last third; of another, what is near the row.
     """
     lam, factor = plant.modes[j], plant.factors(run.method, run.dt)[j]
@@ -199,7 +202,8 @@ def _moves(run: "Run", i: int, plant: _Plant, j: int, several: bool) -> bool:
     values, left = np.linalg.eig(plant.J.T)
     w = left[:, np.argmin(np.abs(values - lam))]
     error = abs(np.log(complex(factor)) - lam*run.dt)/run.dt
-    return any(_free(run, np.linspace(*q, SEEN).astype(int), w, lam, error) for q in spans)
+    return any(_free(run, np.linspace(*q, SEEN).astype(int), w, lam, error)
+               or _rings(run, slice(*q), w, factor, error) for q in spans)
 
 
 def _free(run: "Run", rows: np.ndarray, w: np.ndarray, lam: complex, error: float) -> bool:
@@ -221,6 +225,25 @@ def _free(run: "Run", rows: np.ndarray, w: np.ndarray, lam: complex, error: floa
     force = abs((rates*m.conj()).sum()/size - lam)
     own = (np.abs(rates)**2).sum() >= (FREE*abs(lam))**2*size
     return bool(own and error > TOLERANCE*force)
+
+
+def _rings(run: "Run", rows: slice, w: np.ndarray, factor: complex, error: float) -> bool:
+    r"""Whether a lightly damped mode of left eigenvector w rings beside a slower, forced motion.
+
+    Two differences from row to row leave of the coordinate w x what rings. The mode rings by itself
+    if that goes on from row to row as in the run, but for less than :math:`\epsilon/dt` allows.
+    """
+    h = run.t[1] - run.t[0] if len(run.t) > 1 else math.inf
+    swing = np.log(complex(factor))/run.dt
+    if abs(swing.real) > LIGHT*abs(swing) or error > LIGHT*abs(swing) or abs(swing)*h > RESOLVED:
+        return False
+    m = np.column_stack([q[rows] for q in flat(tuple(vars(run.x).values()))]) @ w
+    next_, size = np.exp(swing*h), np.abs(m - m.mean()).max(initial=0.0)
+    rings = np.diff(m, 2)/(next_ - 1.0)**2
+    if len(rings) < SEEN or not np.abs(rings).max() > max(FREE*size, 1e-9*np.abs(m).max()):
+        return False
+    seen = (rings[1:]*rings[:-1].conj()).sum()/(np.abs(rings[:-1])**2).sum()
+    return bool(error > TOLERANCE*abs(np.log(seen/next_))/h)
 
 
 def _diverged(run: "Run", factor: complex) -> bool:
