@@ -172,8 +172,8 @@ def _outrun(run: "Run", b: Block, adapts: Callable, xi: Any, i: int) -> str | No
         xi = np.sqrt(np.square(xi).sum(axis=0))
     z = getattr(run.z.law, [*law.parts][i]) if hasattr(law, "parts") else run.z.law
     left = {n: float(q[-1]) for n, q in vars(z).items() if isinstance(q, np.ndarray)}
-    once = slope(run.t, xi)
-    twice = slope(run.t, once)
+    once = slope(run.t, xi, run.tau)
+    twice = slope(run.t, once, run.tau)
     return adapts(b.values | left, np.abs(once[half:]).max(), np.abs(twice[half:]).max())
 
 

@@ -236,7 +236,7 @@ class _Panels:
                 edge = np.array([b.band(q, b.values) for q in self.run.t])
                 t, edge = corners(self.run.t, edge)
                 t, edge = (np.concatenate(q) for q in ((t, [math.nan], t), (edge, [math.nan], -edge)))
-                self.add(f"band{mark}", "sliding variable", c, Param(r"\delta", "[sigma]"), edge, t, reference=True)
+                self.add(f"band{mark}", "sliding variable", c, Param(r"\mathrm{band}", "[sigma]"), edge, t, reference=True)
             for n, meta in b.states.items():
                 if not meta.hidden:
                     z = getattr(self.run.z.law, name) if name else self.run.z.law
