@@ -65,7 +65,7 @@ def test_sigma_is_drawn_with_its_dead_band(run):
     assert "law.held[0]" not in curves and {"law.rho[0]", "law.rho[1]"} <= set(curves)
     for i, table in enumerate(rpl.TABLE_1.values()):
         band = curves[f"band[{i}]"]
-        assert band.row == "sliding variable" and band.reference and band.label == "δ"
+        assert band.row == "sliding variable" and band.reference and band.label == "band"
         for begin, end, delta in table:
             inside = (band.x >= begin) & (band.x < end - 0.01)
             assert {round(float(q), 6) for q in band.y[inside]} == {-delta, delta}

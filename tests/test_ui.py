@@ -505,8 +505,8 @@ def test_panels_of_the_launch_vehicle():
         ("y", "output"), ("r", "output"), ("dy", "rate"), ("u.range", "control"),
         ("u", "control"), ("x.beta", "control"),
         ("x.dbeta", "states [rad/s]"),
-        ("sigma", "sliding variable"), ("law.lam", "states of the law"),
-        ("law.w", "states of the law")]
+        ("sigma", "sliding variable"), ("band", "sliding variable"),
+        ("law.lam", "states of the law"), ("law.w", "states of the law")]
     np.testing.assert_allclose(curves["y"].y, np.degrees(run.y[0]), rtol=1e-6)
     np.testing.assert_allclose(curves["x.beta"].y, np.degrees(run.x.beta), rtol=1e-6)
     assert curves["y"].unit == " [deg]" and curves["dy"].unit == " [deg/s]"
@@ -536,7 +536,7 @@ def test_panels_of_two_channels():
     assert picture.status == ""
     assert [t.meta for t in picture.figure.data] == list(picture.curves)
     keys = {"y[0]", "dy[0]", "y[1]", "dy[1]", "r[0]", "r[1]", "u[0]", "u[1]", "sigma[0]",
-            "sigma[1]", "law.lam[1]", "law.w[1]",
+            "sigma[1]", "band[1]", "law.lam[1]", "law.w[1]",
             "xi[0]", "xi[1]"}
     assert set(picture.curves) == keys
     assert {t.meta: t.xaxis for t in picture.figure.data
@@ -548,7 +548,7 @@ def test_panels_of_two_channels():
 def test_plot():
     runs = {law: smc.simulate(LOOPS[law]) for law in ("pd", "quasi_smc")}
     figure = plot(runs["quasi_smc"])
-    assert [t.name for t in figure.data if t.showlegend] == ["θ", "reference"]
+    assert [t.name for t in figure.data if t.showlegend] == ["θ", "reference", "σ", "band"]
     both = plot(runs, states=("beta",))
     assert [t.name for t in both.data if t.showlegend] == ["pd", "reference", "quasi_smc"]
     for look in "color", "dash", "width":  # told apart in grey print, too
@@ -570,7 +570,7 @@ def picture():
 
 def test_curves_follow_the_mask(picture):
     before = {k: t.y.copy() for k, t in picture.curves.items()}
-    assert set(before) - {"u.range"} == {"y", "r", "dy", "u", "x.beta", "sigma"}
+    assert set(before) - {"u.range"} == {"y", "r", "dy", "u", "x.beta", "sigma", "band"}
     picture.mask.widgets["law__rho"].value = 3.0
     picture.wait()
     assert picture.loop.stages["law"].values["rho"] == 3.0 and picture.run.loop is picture.loop

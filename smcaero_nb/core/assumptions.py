@@ -7,11 +7,9 @@ import numpy as np
 
 from .block import Block
 from .card import Law
-from .growth import step_doubts
 from .param import switch, texted
 from .perturbation import UNFIT, laws, slope
 from .sliding import answer, at_limit, gains, growing, rows_of, tail_rows
-from .zeros import zero_doubts
 
 if TYPE_CHECKING:
     from .run import Run
@@ -93,6 +91,9 @@ def doubts(run: "Run") -> list[str]:
     sign, the plant is led on from the last row with a little more of v, which has to move the error
     down; otherwise the gain has the wrong sign.
     """
+    from .growth import step_doubts  # most processes judge no run
+    from .zeros import zero_doubts
+
     names = [f"{n}: " for n in getattr(run.loop.stages["law"], "parts", ())] or [""]
     of_laws = ("; ".join(filter(None, q)) for q in zip(_assumed(run), _moving(run), strict=True))
     said = [name + q for name, q in zip(names, of_laws, strict=True) if q]
@@ -127,7 +128,7 @@ def _assumed(run: "Run") -> list[str | None]:
         size = max(0.0, size - less)
         if all(run._motions[j].rests for j in _mine(run, i)):
             held = integral if isinstance(integral, tuple) else (integral,)
-            equivalent = np.array([slope(run.t, q) for q in held])
+            equivalent = np.array([slope(run.t, q, run.tau) for q in held])
             size, rate = np.minimum((size, rate), _greatest(run, equivalent))
         said.append(b.theorem(dict(b.values), float(size), float(rate)))
     return said
@@ -199,8 +200,8 @@ def _outrun(run: "Run", b: Block, adapts: Callable, xi: Any, i: int) -> str | No
         xi = np.sqrt(np.square(xi).sum(axis=0))
     z = getattr(run.z.law, [*law.parts][i]) if hasattr(law, "parts") else run.z.law
     left = {n: float(q[-1]) for n, q in vars(z).items() if isinstance(q, np.ndarray)}
-    once = slope(run.t, xi)
-    twice = slope(run.t, once)
+    once = slope(run.t, xi, run.tau)
+    twice = slope(run.t, once, run.tau)
     return adapts(b.values | left, np.abs(once[half:]).max(), np.abs(twice[half:]).max())
 
 

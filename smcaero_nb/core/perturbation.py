@@ -14,7 +14,9 @@ if TYPE_CHECKING:
 
 __all__ = ["UNFIT", "degree", "jumps", "laws", "perturbation", "slope", "true_sigma"]
 
-SIDE = 200  # 1/SIDE of the rows on either side of one count where derivatives are estimated
+# Where derivatives are estimated, 1/SIDE of the rows on either side of one count, but FEW samples
+# at least: what other channels chatter from sample to sample is no perturbation.
+SIDE, FEW = 200, 4
 UNFIT = "v does not match sigma"
 FEWEST = 20  # rows to differentiate
 SURE = 6.0  # standard deviations of an estimated xi
@@ -96,23 +98,23 @@ def _averaged(run: "Run") -> Any:
 
 
 # ---- estimates -----------------------------------------------------------------------------------
-def slope(t: np.ndarray, q: np.ndarray, times: float = 1.0) -> np.ndarray:
+def slope(t: np.ndarray, q: np.ndarray, tau: float, times: float = 1.0) -> np.ndarray:
     """Return the slope of a recorded quantity, fitted to the rows around each; held at the ends."""
     steps = np.diff(t[:-1])  # the last row may come early
     if len(steps) and steps.max() > 1.01*steps.min():
         even = np.linspace(t[0], t[-1], len(t))
-        return np.interp(t, even, slope(even, np.interp(even, t, q), times))
+        return np.interp(t, even, slope(even, np.interp(even, t, q), tau, times))
     n = len(t) - 1
-    side = _side(n, times)
     step = (t[n - 1] - t[0])/(n - 1)
+    side = _side(n, tau/step, times)
     k = np.arange(-side, side + 1.0)
     inner = np.convolve(q[:n], -k/(k @ k*step), "valid")
     return np.concatenate([np.full(side, inner[0]), inner, np.full(side + 1, inner[-1])])
 
 
-def _side(n: int, times: float) -> int:
-    """How many of n rows on either side of one count."""
-    return min(max(4, round(times*n/SIDE)), (n - 1)//2)
+def _side(n: int, sample: float, times: float) -> int:
+    """How many of n rows, of which so many make a sample, count on either side of one."""
+    return min(max(4, round(times*n/SIDE), round(FEW*sample)), (n - 1)//2)
 
 
 def jumps(steps: np.ndarray) -> np.ndarray:
@@ -147,12 +149,12 @@ def _sloped(run: "Run", r: int, s: np.ndarray, v: np.ndarray,
             best = total
         pushed = np.convolve(np.pad(pushed, 1, "edge"), (0.25, 0.5, 0.25), "valid")
     total, times = np.append(0.0, np.cumsum(best)), max(1.0, r/2)
-    side, late = _side(len(total) - 1, times), total[len(total)//2:-1]
+    step = (run.t[-2] - run.t[0])/(len(total) - 2)
+    side, late = _side(len(total) - 1, run.tau/step, times), total[len(total)//2:-1]
     width = min(2*side + 1, len(late))
     around = np.convolve(late, np.full(width, 1.0/width), "valid")
     ripple = late[width//2:width//2 + len(around)] - around
-    step = (run.t[-2] - run.t[0])/(len(total) - 2)
-    return slope(run.t, total, times), SURE*float(ripple.std())/(step*(2/3*side**3)**0.5)
+    return slope(run.t, total, run.tau, times), SURE*float(ripple.std())/(step*(2/3*side**3)**0.5)
 
 
 def true_sigma(run: "Run") -> tuple[Any, str]:

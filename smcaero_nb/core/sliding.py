@@ -10,13 +10,11 @@ import numpy as np
 
 from .card import Law
 from .leaves import at
-from .linear import given, motion, row, vector
 from .param import Param
 from .perturbation import degree, jumps, laws
 from .program import parts
 from .rows import evaluated, taken
 from .signal import flat
-from .zeros import pushed, slid
 
 if TYPE_CHECKING:
     from .block import Block
@@ -239,6 +237,9 @@ def _told(f: Callable) -> Any:
 
 def _led(run: "Run", steps: int) -> np.ndarray | None:
     """What a little more of v adds to each sliding variable, so many steps after the last row."""
+    from .linear import given, motion, row, vector  # most processes judge no run
+    from .zeros import pushed, slid
+
     at = given(run, -1) | {n: row(getattr(run, n), -1) for n in ("r", "y", "e", "v")}
     found, push = slid(run, at), pushed(run, at)
     if found is None or push is None:

@@ -236,7 +236,7 @@ class _Panels:
                 edge = np.array([b.band(q, b.values) for q in self.run.t])
                 t, edge = corners(self.run.t, edge)
                 t, edge = (np.concatenate(q) for q in ((t, [math.nan], t), (edge, [math.nan], -edge)))
-                self.add(f"band{mark}", "sliding variable", c, Param(r"\delta", "[sigma]"), edge, t, reference=True)
+                self.add(f"band{mark}", "sliding variable", c, Param(r"\mathrm{band}", "[sigma]"), edge, t, reference=True)
             for n, meta in b.states.items():
                 if not meta.hidden:
                     z = getattr(self.run.z.law, name) if name else self.run.z.law
@@ -414,6 +414,7 @@ def _traces(curves, x, y, laws, told):
     """
     traces, here, ranks, several = [], set(), {}, bool(laws)
     mixed = len({c.unit for *_, c in curves if not c.reference}) > 1
+    alone = len({c.label for *_, c in curves if not c.reference}) == 1
     many = sum(c.held or not c.filled for *_, c in curves) > 1  # a few peaks need no word
     if several:
         key = _ink if curves[0][2].row in TALL_ROWS else lambda q: not q[2].filled
@@ -433,7 +434,7 @@ def _traces(curves, x, y, laws, told):
         elif c.filled:
             line = dict(color=_faint(colour, 0.6), width=0.8)
             look = dict(fill="toself", fillcolor=_faint(colour, 0.2 if several else 0.3), hoverinfo="skip")
-            label = f"{c.label}: min to max"
+            label = "min to max" if alone else f"{c.label}: min to max"
         elif several:
             dash, width = RUNS[run % len(RUNS)]
             line = dict(color=colour, dash=dash, width=width)
