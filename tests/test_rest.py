@@ -8,6 +8,7 @@ import pytest
 
 from smcaero_nb import ClosedLoop, applications, block, interop, simulate, smc1, smc2
 from smcaero_nb.core import reaching_time
+from smcaero_nb.core.assumptions import exceeds
 
 
 @block(state=dict(y=1.0))
@@ -52,6 +53,12 @@ def test_more_gain_than_one_is_not_a_perturbation(law, b):
     """sigma' = f - b v with b > 1 slides if |f| < b rho: the more, the better."""
     run = simulate(LOOP.with_(law=law, plant__b=b))
     assert run.metrics().reaching_time < 1.0 and run.doubts() == []
+
+
+@pytest.mark.parametrize("record", [100, 500, 10000])
+def test_how_many_rows_are_kept_does_not_decide_whether_a_loop_slides(record):
+    run = simulate(LOOP.with_(plant__b=5.0, latency=1e-3), record=record)
+    assert reaching_time(run)[0] < 1.0 and run.doubts() == []
 
 
 def test_less_gain_than_the_perturbation_needs_is_not_sliding():
@@ -161,3 +168,8 @@ def test_a_law_without_a_card_slides_on_the_sigma_that_it_sees():
 
     assert simulate(LOOP.with_(law=alone)).metrics().reaching_time is None
     assert simulate(LOOP.with_(law=relay)).metrics().reaching_time < 1.0
+
+
+def test_a_size_and_its_bound_are_told_apart():
+    assert exceeds("L")(dict(L=2.0), 2.0043, 0.0) == "|xi| reaches 2.0043, more than L = 2 [v]"
+    assert exceeds("L")(dict(L=2.0), 2.5678, 0.0) == "|xi| reaches 2.57, more than L = 2 [v]"

@@ -5,11 +5,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .answer import answer
 from .block import Block
 from .card import Law
 from .param import switch, texted
 from .perturbation import UNFIT, laws, slope
-from .sliding import answer, at_limit, gains, growing, rows_of, tail_rows
+from .sliding import apart, at_limit, gains, growing, rows_of, tail_rows
 
 if TYPE_CHECKING:
     from .run import Run
@@ -50,7 +51,8 @@ def exceeds(name: str, symbol: str = "|xi|", rate: bool = False) -> Condition:
     def condition(values: dict[str, Any], xi: float, dxi: float) -> str | None:
         size, unit = (dxi, "[v]/s") if rate else (xi, "[v]")
         if size > MARGIN*values[name]:
-            return f"{symbol} reaches {size:.3g}, more than {name} = {values[name]:g} {unit}"
+            reached, _ = apart(size, values[name])
+            return f"{symbol} reaches {reached}, more than {name} = {values[name]:g} {unit}"
         return None
 
     return condition

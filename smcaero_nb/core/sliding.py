@@ -1,13 +1,12 @@
 """Whether a run slides: sigma at rest, the actuator within its limits, the gain settled."""
 
-import functools
 import itertools
 import math
-from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from .answer import answer, direct, gain, told
 from .card import Law
 from .leaves import at
 from .param import Param
@@ -20,8 +19,8 @@ if TYPE_CHECKING:
     from .block import Block
     from .run import Run
 
-__all__ = ["Motion", "answer", "at_limit", "gains", "growing", "motions", "rows_of", "slides",
-           "tail_rows"]
+__all__ = ["Motion", "apart", "at_limit", "gains", "growing", "motions", "rows_of",
+           "slides", "tail_rows"]
 
 LAST = 0.2  # of the run: its tail, where `simulate` made none
 SHORTEST, LONGEST = 0.1, 0.5  # of the run: the tail that is judged
@@ -33,7 +32,6 @@ WRONG = 0.05  # of the maximum |sigma|: as much of what an estimate is wrong by 
 # and at last to FALLS, or as steadily as before.
 PARTS, FALLS, SLOW = 5, 0.9, 0.005
 NEAR = 0.1  # of the maximum |sigma|: what sampling allows beyond is not the way to rest
-LEAD, MOST = 20, 400  # samples, steps in which a plant shows which way it is pushed
 HELD = 0.95  # of the tail: an actuator at its limit for as long controls nothing
 STILL = 1e-3  # of |v|: a sigma' as small does not move sigma
 GROWS = 0.02  # of the gain: growth in the tail
@@ -80,12 +78,18 @@ class Motion(NamedTuple):
         if self.still:
             return (f"{key} stands still at {self.tail:.3g} while v pushes: the loop is latched, "
                     "and the xi that is found is v itself")
-        tail = f"{self.tail:.3g}"
+        tail, band = apart(self.tail, self.band)
         how = f"swings within {tail}" if self.crosses else f"is {tail} away from 0"
         why = (f"; {key} depends on u itself (relative degree 0), so that nothing slides: put the "
                "lag of the actuator, or of the sensor, into the plant")*self.direct
         return (f"{key} does not come to rest: it {how}, where sliding would keep it within "
-                f"{self.band:.3g}{why}")
+                f"{band}{why}")
+
+
+def apart(size: float, bound: float) -> tuple[str, str]:
+    """Return a size and its bound as text, with as many digits as tell them apart."""
+    n = 3 if f"{size:.3g}" != f"{bound:.3g}" else 6
+    return f"{size:.{n}g}", f"{bound:.{n}g}"
 
 
 def slides(b: "Block | None") -> bool:
@@ -123,10 +127,10 @@ def _calm(run: "Run") -> slice:
 def motions(run: "Run") -> list[Motion]:
     """Return how each sliding variable ends; `reaching_time` has the rule by which it rests."""
     leaves = [q for q in run.leaves("sigma") if not q.derivative and len(run.t)]
-    blocks, direct = _blocks(run, len(leaves)), _direct(run) or []
-    direct = direct if len(direct) == len(leaves) else [False]*len(leaves)
+    blocks, itself = _blocks(run, len(leaves)), direct(run) or []
+    itself = itself if len(itself) == len(leaves) else [False]*len(leaves)
     return [_motion(run, q.path, *b, direct=d)
-            for q, b, d in zip(leaves, blocks, direct, strict=True)]
+            for q, b, d in zip(leaves, blocks, itself, strict=True)]
 
 
 def _blocks(run: "Run", count: int) -> list[tuple]:
@@ -204,7 +208,8 @@ def _speed(run: "Run", path: tuple, tail: slice, sigma: Any, v: Any, xi: Any,
         rate = (*path[:-1], path[-1] + 1)
         return float(max(np.abs(at(q, rate)[tail]).max() for q in (run.low.sigma, run.high.sigma)))
     if xi is not None:
-        rate = np.abs(xi[tail]) + np.abs(v[tail]).max() if flips else np.abs(xi - v)[tail]
+        push = (gain(run) or 1.0)*np.abs(v[tail]).max() if flips else 0.0
+        rate = np.abs(xi[tail]) + push if flips else np.abs(xi - v)[tail]
     else:
         s = at(run.sigma, path)
         rate = np.abs(np.diff(s, prepend=s[:1])/np.diff(run.t, prepend=-run.tau))[tail]
@@ -221,59 +226,6 @@ def _samples(run: "Run", path: tuple, b: Any, sigma: Any, v: Any) -> float:
         many = isinstance(e, tuple) and isinstance(e[0], tuple) and path
         n = max(n, len(flat(e[path[0]] if many else e)) - 1)
     return count*base**n*run.tau
-
-
-def _told(f: Callable) -> Any:
-    """Make a function of a run return what it says, or None where a block cannot be evaluated."""
-    @functools.wraps(f)
-    def told(*args):
-        try:
-            return f(*args)
-        except Exception:  # a block is anybody's: its samples may not be recorded
-            return None
-
-    return told
-
-
-def _led(run: "Run", steps: int) -> np.ndarray | None:
-    """What a little more of v adds to each sliding variable, so many steps after the last row."""
-    from .linear import given, motion, row, vector  # most processes judge no run
-    from .zeros import pushed, slid
-
-    at = given(run, -1) | {n: row(getattr(run, n), -1) for n in ("r", "y", "e", "v")}
-    found, push = slid(run, at), pushed(run, at)
-    if found is None or push is None:
-        return None
-    rate, ends, v = motion(run), [], vector(push[0])
-    for w in (v, v + np.maximum(1e-3, 1e-3*np.abs(v))):
-        x, u = vector(at["x"]), push[1](w)
-        for k in range(steps):
-            x = x + run.dt*rate({**at, "t": at["t"] + k*run.dt, "u": u}, x)
-        ends.append(found(x, u))
-    return ends[1] - ends[0]
-
-
-@_told
-def answer(run: "Run") -> float | None:
-    """Return how far a little more of v moves sigma: down, unless the gain has the wrong sign.
-
-    The plant is led on from the last row, without and with it; known of loops with one input.
-    """
-    if isinstance(run.u, tuple) or isinstance(run.v, tuple):
-        return None
-    moved = _led(run, min(LEAD*round(run.tau/run.dt), MOST))
-    return None if moved is None or not np.isfinite(moved[0]) else float(moved[0])
-
-
-@_told
-def _direct(run: "Run") -> list[bool] | None:
-    """Whether each sliding variable depends on u itself, with nothing that holds it back."""
-    output, actuator = run.loop.stages["output"], run.loop.stages["actuator"]
-    asks = output is not None and any("u" in q.signals for q in parts(output))
-    if not asks or actuator is not None and any(q.states for q in parts(actuator)):
-        return None
-    moved = _led(run, 0)
-    return None if moved is None else [bool(q != 0.0) for q in moved]
 
 
 # ---- the gain, and the actuator ------------------------------------------------------------------
@@ -297,7 +249,7 @@ def growing(run: "Run", k: np.ndarray | None) -> bool:
                 and k[tail].min() >= k[tail.start//2:tail.start].max() > 0.0)
 
 
-@_told
+@told
 def at_limit(run: "Run", rows: Any) -> list[np.ndarray] | None:
     """Return, for each input, at which of these rows it is at its limit; None where none is known.
 
