@@ -17,15 +17,15 @@ LEAD, MOST = 20, 400  # samples, steps in which a plant shows which way it is pu
 
 
 def told(f: Callable) -> Any:
-    """Return a function of a run that returns what it says, or None where a block cannot be evaluated."""
+    """Return a function of a run that gives None where a block of it cannot be evaluated."""
     @functools.wraps(f)
-    def told(*args):
+    def asked(*args):
         try:
             return f(*args)
         except Exception:  # a block is anybody's: its samples may not be recorded
             return None
 
-    return told
+    return asked
 
 
 def _led(run: "Run", steps: int) -> np.ndarray | None:
