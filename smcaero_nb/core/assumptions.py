@@ -7,11 +7,9 @@ import numpy as np
 
 from .block import Block
 from .card import Law
-from .growth import step_doubts
 from .param import switch, texted
 from .perturbation import UNFIT, laws, slope
 from .sliding import at_limit, backwards, gains, growing, rows_of, tail_rows
-from .zeros import zero_doubts
 
 if TYPE_CHECKING:
     from .run import Run
@@ -91,6 +89,9 @@ def doubts(run: "Run") -> list[str]:
     sign, the plant is led on from the last row with a little more of v, which has to move the error
     down; otherwise the gain has the wrong sign.
     """
+    from .growth import step_doubts  # most processes judge no run
+    from .zeros import zero_doubts
+
     names = [f"{n}: " for n in getattr(run.loop.stages["law"], "parts", ())] or [""]
     of_laws = ("; ".join(filter(None, q)) for q in zip(_assumed(run), _moving(run), strict=True))
     said = [name + q for name, q in zip(names, of_laws, strict=True) if q]

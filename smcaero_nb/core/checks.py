@@ -20,15 +20,17 @@ def check(where: str, got: Any, states: dict[str, Any], stage: str) -> None:
 
     `states` has the shape of each state; arrays are taken as tuples.
     """
-    names = listed(n if s is None else f"{n}: {size(s)}" for n, s in states.items())
-    got, wanted, must = tuples(got), tuple(states.values()), ""
+    wanted, must = tuple(states.values()), ""
+    if type(got) is float and (stage != "plant" and not states):
+        return
+    got = tuples(got)
     if stage != "plant" and states:
         if isinstance(got, tuple) and len(got) == 2 and shape(got[1]) == wanted:
             got = got[0]
         else:
-            must = f"(output, next z), next z a tuple of {len(states)} ({names})"
+            must = f"(output, next z), next z a tuple of {_named(states)}"
     if stage == "plant" and shape(got) != wanted:
-        must = f"dx/dt as a tuple of {len(states)} ({names})"
+        must = f"dx/dt as a tuple of {_named(states)}"
     elif stage == "stop" and isinstance(got, tuple):
         must = "a float, what is left until the run ends"
     elif not must and (isinstance(got, tuple) and not got or not all(map(_float, flat(got)))):
@@ -36,6 +38,12 @@ def check(where: str, got: Any, states: dict[str, Any], stage: str) -> None:
     if must:
         way = any(isinstance(q, list) for q in flat(got))*"; write (a, b) in place of [a, b]"
         raise BlockError(f"{where} must return {must}; it returned {said(got)}{way}")
+
+
+def _named(states: dict[str, Any]) -> str:
+    """Number, names and sizes of states, in words."""
+    names = (n if s is None else f"{n}: {size(s)}" for n, s in states.items())
+    return f"{len(states)} ({listed(names)})"
 
 
 def _float(value: Any) -> bool:

@@ -17,6 +17,8 @@ def local(name: str, path: str = "") -> str:
 
 def spread(name: str, value: Any) -> dict[str, float]:
     """Return {variable: value} of a number, or of each entry of a nested tuple."""
+    if not isinstance(value, tuple):
+        return {name: value}
     return {local(name, q): v for q, v in zip(leaves(shape(value)), flat(value), strict=True)}
 
 

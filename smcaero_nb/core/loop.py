@@ -1,5 +1,6 @@
 """The closed loop: blocks in their stages."""
 
+import itertools
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -7,7 +8,7 @@ from .block import Block, BlockError, Channels, routed, wanted
 from .expressions import spread
 from .param import Param, ParameterError, function, positive, texted, unknown
 from .program import parts, paths
-from .signal import leaves, shape
+from .signal import flat, leaves, shape
 from .stages import SAMPLED, STAGES
 
 __all__ = ["ClosedLoop"]
@@ -136,8 +137,16 @@ class ClosedLoop:
             b["output"] = b["output"].with_(**tied)
         return {s: v.p for s, v in b.items() if v}
 
+    def numbers(self) -> list[float]:
+        """Return the values of all parameters, entry by entry, and of the sizes of buffers."""
+        blocks = (b for s, q in STAGES.items() if q.memory for b in parts(self.stages[s]))
+        made = []
+        for v in itertools.chain(*self.p.values()):
+            made += flat(v) if isinstance(v, tuple) else (v,)
+        return made + [b.values[n] for b in blocks for n in b.buffers]
+
     def parameters(self) -> dict[str, tuple[str, float, type]]:
-        """Return {variable: (full name, value, kind)} of all parameters and sizes of buffers."""
+        """Return {variable: (full name, value, kind)} of what `numbers` has the values of."""
         made = {}
         for s, values in self.p.items():
             own = [(f"{path}__{n}", b.kinds[n]) for path, b in paths(s, self.stages[s])

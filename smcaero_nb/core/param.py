@@ -1,6 +1,7 @@
 """Parameters: metadata, declared once, and their validation."""
 
 import difflib
+import functools
 import inspect
 import math
 import numbers
@@ -252,10 +253,15 @@ def given(owner: str, name: str, value: Any, kind: Any, what: str) -> Any:
 
 def positive(owner: str, name: str, value: Any, unit: str = "s") -> float:
     """Return a positive finite number as float, else raise `ParameterError`."""
-    value = Param(unit=unit).check(owner, name, value)
+    value = _of(unit).check(owner, name, value)
     if value <= 0.0:
         raise refused(owner, name, value, f"larger than 0 {unit}", unit)
     return value
+
+
+@functools.cache
+def _of(unit: str) -> Param:
+    return Param(unit=unit)
 
 
 def declared(f: Callable) -> tuple[tuple, dict, dict, dict, Any]:

@@ -117,6 +117,8 @@ class Program:
         Variables of the plant's states, of those of blocks, and of signals held between steps.
     shapes : dict of str to nested tuple
         Of the signals; None stands for a number.
+    heads : dict of str to tuple of paths
+        Where in e, sigma and u the items are that are not derivatives, one for each channel.
     meters : tuple of (Meter, str)
         Each with the variable that it watches.
     state : dict of str to float
@@ -146,6 +148,7 @@ class Program:
     z: tuple[str, ...]
     held: tuple[str, ...]
     shapes: dict[str, Any]
+    heads: dict[str, tuple[tuple[int, ...], ...]]
     meters: tuple[tuple[Meter, str], ...]
     state: dict[str, float]
     columns: tuple[str, ...]
@@ -196,7 +199,7 @@ class Program:
 
     def tried(self, loop: Any, tau: float, m: int) -> dict[str, Any]:
         """Return the variables after the first step of a loop, run line by line."""
-        values = {q: v for q, (_, v, _) in loop.parameters().items()}
+        values = dict(zip(self.params, loop.numbers(), strict=True))
         x, z = loop.start()
         made = {"t": 0.0, "tau": tau, "dt": 0.0, "k": 0, "m": m, "R": self.ring(values),
                 "check": check, **dict.fromkeys(self.exact, 0.0), **self.functions(loop), **x, **z,

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal, TextIO
 import numpy as np
 
 from .assumptions import doubts
-from .leaves import Leaf, at, heads, leaves_of, named
+from .leaves import Leaf, at, named
 from .metrics import Metrics, metrics
 from .param import refused
 from .perturbation import perturbation, true_sigma
@@ -293,7 +293,7 @@ def result(loop: "ClosedLoop", program: Program, rec: np.ndarray, end: dict[str,
     integral = signal("v", columns.__getitem__, "integral_") if law else None
     arrays = iter(columns[q] for q in (*program.x, *program.z))
     memory = [s for s, q in STAGES.items() if q.memory and s != "plant" and loop.stages[s]]
-    figures = {n: heads(leaves_of(loop, program.shapes, n), v) for n, v in tails.items()}
+    figures = {n: [at(v, path) for path in program.heads[n]] for n, v in tails.items()}
     made = dict(
         x=_named(loop.stages["plant"], arrays),
         z=types.SimpleNamespace(**{s: _named(loop.stages[s], arrays) for s in memory}),

@@ -30,6 +30,7 @@ CHUNK = 0.02  # s of machine time between two looks at Ctrl-C, cancel and progre
 ROWS = 100_000_000  # maximum number of rows of a run
 MOST = 100_000  # maximum number of samples of a latency
 STEPS = 1e11  # maximum number of steps of a run
+RECORD, SINCE, TAIL = Param(low=1), Param(low=0.0, unit="s"), Param(low=0.0, high=1.0)
 
 
 def timed(owner: str, loop: Any, duration: Any, dt: Any, tau: Any) -> tuple[Any, float, float]:
@@ -105,9 +106,11 @@ def simulate(loop: ClosedLoop, duration: float | None = None, dt: float | None =
     jit, progress = switch("simulate", "jit", jit), function("simulate", "progress", progress)
     m, n, lag = _steps(loop, duration, dt, tau)
     method = _method(loop, method)
-    record = Param(low=1).check("simulate", "record", record, int)
-    since = Param(low=0.0, high=duration, unit="s").check("simulate", "since", since)
-    tail = Param(low=0.0, high=1.0).check("simulate", "tail", tail)
+    record = RECORD.check("simulate", "record", record, int)
+    since = SINCE.check("simulate", "since", since)
+    if since > duration:
+        raise refused("simulate", "since", since, f"at most the duration, {duration:g} s", "s")
+    tail = TAIL.check("simulate", "tail", tail)
     if min(record, n) > ROWS:
         raise refused("simulate", "record", record, f"at most {ROWS:g}, as there are {n:g} steps")
     if jit:
@@ -169,7 +172,7 @@ def _driven(f: Callable, program: Program, loop: ClosedLoop, rec: np.ndarray, dt
             n: int, every: int, row: int, k_tail: int, jit: bool,
             progress: Callable | None) -> tuple:
     """Run a loop in chunks; return records, figures at the end and before the tail, and the end."""
-    values = {q: v for q, (_, v, _) in loop.parameters().items()}
+    values = dict(zip(program.params, loop.numbers(), strict=True))
     held = np.array if jit else list  # plain blocks see floats, not those of numpy
     P = held([*map(float, values.values()), *constants(program, loop, dt)])
     x, z = loop.start()

@@ -8,6 +8,7 @@ from .chain import Chain
 from .checks import check, kind, place, way_out
 from .content import draws
 from .expressions import error, limits, local, nested, zero
+from .leaves import leaves_of
 from .param import listed, said
 from .program import LIMIT, METERS, METHODS, Program, first, line, parts
 from .signal import leaves, shape, text, tuples
@@ -436,6 +437,8 @@ def written(loop: Any, method: str, tau: float, m: int, lag: int = 0) -> Program
         places=w.places, params={q: name for q, (name, _, _) in params.items()},
         kinds={q: kind for q, (_, _, kind) in params.items()},
         x=w.x, z=w.z, held=tuple(dict.fromkeys(held)), shapes=w.shapes,
+        heads={s: tuple(q.path for q in leaves_of(loop, w.shapes, s) if not q.derivative)
+               for s in ("e", "sigma", "u")},
         meters=tuple(meters), state=state, columns=tuple(columns),
         inside=" and ".join([f"{' + '.join(f'abs({q})' for q in every)} <= {LIMIT!r}", *bounds]),
         driven=f"{' + '.join(f'abs({q})' for q in driven)} <= {LIMIT!r}",

@@ -430,6 +430,7 @@ def _traces(curves, x, y, laws, told):
     """
     traces, here, ranks, several = [], set(), {}, bool(laws)
     mixed = len({c.unit for *_, c in curves if not c.reference}) > 1
+    alone = len({c.label for *_, c in curves if not c.reference}) == 1
     many = sum(c.held or not c.filled for *_, c in curves) > 1  # a few peaks need no word
     if several:
         key = _ink if curves[0][2].row in TALL_ROWS else lambda q: not q[2].filled
@@ -449,7 +450,7 @@ def _traces(curves, x, y, laws, told):
         elif c.filled:
             line = dict(color=_faint(colour, 0.6), width=0.8)
             look = dict(fill="toself", fillcolor=_faint(colour, 0.2 if several else 0.3), hoverinfo="skip")
-            label = f"{c.label}: min to max"
+            label = "min to max" if alone else f"{c.label}: min to max"
         elif several:
             dash, width = RUNS[run % len(RUNS)]
             line = dict(color=colour, dash=dash, width=width)

@@ -127,7 +127,7 @@ def test_a_comparison_shows_texts_as_typed(shown):
     for name in ("first", "second"):
         wait(".smcaero-choices button", f"{name} {ALL}")
         wait(".smcaero-table th", f"{name} {ALL}")
-        wait(".js-plotly-plot .legendtext", f"{name} {ALL}")
+        wait(".js-plotly-plot [class^=legend][class$=text]", f"{name} {ALL}")
     wait(".smcaero-table td", f"sigma unit {ALL}")
     wait(".smcaero-table .smcaero-verdict", f"verdict {ALL}")
     nb.page.evaluate("""async () => { const plot = document.querySelector('.js-plotly-plot');
