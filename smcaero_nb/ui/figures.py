@@ -145,9 +145,10 @@ def _beside(stack, charts):
     """Traces and layout of panels over time, and of charts side by side below them."""
     traces, axes, height = list(stack[0]), dict(stack[1]), stack[2]
     n = sum(k.startswith("yaxis") for k in axes)
-    told = [[t.name for t in drawn if t.showlegend] for drawn, *_ in charts[-1:]]  # above the last
-    room = TITLES*(height > 0) + LINE*max(lines(*told, 1/len(charts)) - 1, 0) if charts else 0
-    full = height + (BELOW + room if charts else 0)
+    full = height
+    if charts:
+        told = [t.name for t in charts[-1][0] if t.showlegend]  # above the last
+        full += BELOW + TITLES*(height > 0) + LINE*max(lines(told, 1/len(charts)) - 1, 0)
     for k, axis in axes.items():
         if k.startswith("yaxis"):
             axis["domain"] = tuple(1.0 - (1.0 - q)*height/full for q in axis["domain"])
