@@ -1,5 +1,6 @@
 """What a picture shows of a run: what each number is, what lies between rows, planes, windows."""
 
+import re
 import types
 
 import numpy as np
@@ -10,7 +11,7 @@ from smcaero_nb import ClosedLoop, Param, block, channels, simulate, smc1
 from smcaero_nb.applications import double_integrator, perturbed_chain
 from smcaero_nb.ui import compare, live, plot
 from smcaero_nb.ui.between import band, chatters, held, once
-from smcaero_nb.ui.curves import panels
+from smcaero_nb.ui.curves import draw, metrics_html, panels
 from smcaero_nb.ui.rows import joined, thinned, window
 
 SIGN = perturbed_chain(smc1.sign_smc, 1)
@@ -127,6 +128,26 @@ def test_the_law_beside_the_chattering_ones_is_drawn_over_their_pale_bands():
     assert all(t.line.simplify is False for t in figure.data)
 
 
+def told(run, **how):
+    """Keys of the curves in the legends of a figure of a run."""
+    return [t.meta for t in draw({"": panels(run, **how)})[0] if t.showlegend]
+
+
+def test_a_band_that_is_too_thin_to_be_seen_has_no_entry_in_a_legend():
+    sign = simulate(SIGN, record=1000)
+    fine = simulate(perturbed_chain(smc.smc2.super_twisting, 1), record=1000)
+    assert {*told(sign)} == {"u", "u.range", "xi"}  # sigma chatters by 0.3 % of its range
+    assert {*told(fine)} == {"u", "xi"}
+    every = joined(sign, simulate(SIGN, since=2.0, duration=2.2, record=200))
+    assert "u.range" not in told(every, span=(2.0, 2.2))
+    assert "u.range" not in told(sign, span=(30.0, 40.0))  # nothing is in view
+
+
+def test_two_figures_of_two_channels_are_told_apart():
+    said = metrics_html(simulate(smc.rpl.loop(), record=1000))
+    assert re.search(r"<b>[\d.]+, [\d.]+ N/s; [\d.]+, [\d.]+ reversals/s</b>", said)
+
+
 # ---- windows -------------------------------------------------------------------------------------
 @pytest.mark.parametrize("loop", [SIGN, MASS, smc.rpl.loop(), smc.lv.loop("quasi_smc")],
                          ids=["chain", "mass", "lander", "launch vehicle"])
@@ -241,6 +262,16 @@ def test_a_portrait_has_no_chord_that_is_no_motion():
     assert np.isnan(phase.x).any()
     jump = np.abs(np.diff(phase.x))/np.ptp(run.sigma[0])
     assert np.nanmax(jump) < 0.1 < np.abs(np.diff(run.sigma[0])).max()/np.ptp(run.sigma[0])
+
+
+def test_the_planes_of_a_comparison_are_as_fine_as_those_of_a_live_plot():
+    loop = smc.rpl.loop()
+    both, alone = compare({"1-SMC": loop}), live(loop, phase=True)
+    both.wait()
+    alone.wait()
+    for key in ("phase[0]", "plane[1]"):
+        drawn = next(t for t in both.figure.data if t.meta == key)
+        np.testing.assert_array_equal(drawn.x, alone.curves[key].points[0])
 
 
 def test_what_a_portrait_draws_twice_is_drawn_once():

@@ -634,6 +634,14 @@ def test_the_setting_before_stays_as_a_shadow(picture):
         np.testing.assert_array_equal(shadows(picture)["y"][1], second)
 
 
+def test_a_lost_run_leaves_no_shadow_behind_the_next_good_one(picture):
+    good = picture.curves["y"].y
+    picture.set(law__rho=0.2)
+    assert picture.status.startswith("diverged")
+    picture.set(law__rho=2.5)
+    np.testing.assert_array_equal(shadows(picture)["y"][1], good)  # it does not set the scale
+
+
 def test_while_a_run_is_going_the_curves_are_grey_and_those_of_another_law_are_gone(monkeypatch):
     picture = live({"quasi": LOOPS["quasi_smc"], "adaptive": LOOPS["adaptive_super_twisting"]})
     picture.wait()

@@ -26,7 +26,7 @@ from .text import (
     unmarked,
 )
 
-__all__ = ["Curve", "before", "comparison_html", "draw", "metrics_html", "panels", "structure", "verdict_html"]
+__all__ = ["Curve", "before", "comparison_html", "draw", "lines", "metrics_html", "panels", "structure", "verdict_html"]
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")  # of Okabe and Ito, for everybody
 SYMBOLS = ("circle", "square", "diamond", "triangle-up", "cross")
@@ -40,12 +40,14 @@ TALL_ROWS = PHASE, ERRORS
 SHADOWS = "output", "rate", "control", "sliding variable", *TALL_ROWS
 MANY = 2500  # points of a trajectory
 RESOLVED = 2000  # rows in view up to which sampled signals are drawn held; u always is
+THIN = 0.02  # of the range in view: a band that is thinner is a line to the eye
 PIECES, TURNS = 400, 150  # a signal with so many reversals in view, compared with others, is a band of so many pieces
 ROW, TALL, GAP, TOP, BOTTOM = 112, 260, 28, 30, 44  # px; a plane is a tall row
 LINE, ENTRY, LETTER, WIDTH = 18, 42, 6, 420  # px: of a legend, about; of the narrowest picture
 APART = 0.16  # of the width, between columns
 LAYOUT: dict[str, Any] = dict(
     autosize=True, margin=dict(l=72, r=14, t=TOP, b=BOTTOM), template="plotly_white",
+    paper_bgcolor="#fffffe",  # white, by which page.css knows figures of the kit
     font=dict(size=12, color="#222"), hovermode="x", hoversubplots="axis", hoverlabel_namelength=-1,
     uirevision="kept", modebar=dict(remove=["sendChartToCloud"]))  # "Share chart" uploads a person's data
 X_AXIS = dict(type="linear", visible=True, showspikes=True, spikethickness=1, spikecolor="#999")
@@ -64,7 +66,7 @@ class Curve(NamedTuple):
     y: np.ndarray
     reference: bool = False
     across: Param = Param("t", "s")
-    held: bool = False  # each sample has a row; of a band: it chatters, and is not a few peaks
+    held: bool = False  # each sample has a row; of a band: it chatters and is seen to, not at a few peaks
 
     @property
     def label(self) -> str:
@@ -115,9 +117,20 @@ class _Panels:
         self.many = isinstance(run.y, tuple) and any(isinstance(q, tuple) for q in run.y)
         self.columns = 1 + max((q.channel for q in self.outputs), default=0) if self.many else 1
         self.single = np.diff(run.t) < 1.001*run.tau  # of one sample: nothing lies between the rows
-        low, high = span or (-math.inf, math.inf)
-        self.view = (run.t >= low) & (run.t <= high)
+        self.span = span or (-math.inf, math.inf)
+        self.view = self.within(run.t)
         self.resolved = np.count_nonzero(self.view) <= RESOLVED
+
+    def within(self, t):
+        """Which of these times are in view."""
+        return (t >= self.span[0]) & (t <= self.span[1])
+
+    def wide(self, t, y, heights):
+        """Whether a band of these heights before its rows is more than a line in view."""
+        view = self.within(t)
+        seen = y[view]
+        with np.errstate(over="ignore", invalid="ignore"):
+            return len(seen) > 1 and bool(heights[view][1:].max() > THIN*np.ptp(seen))
 
     def add(self, key, row, column, meta, y, t=None, **look):
         """Add a curve, by default through the rows; those without a column of their own share the last."""
@@ -146,7 +159,8 @@ class _Panels:
             chattering = chatters(y, low, high) & (True if pieces else ~self.single)
             x, edge = band(t, y, low, high, chattering)
             if len(x):
-                self.add(f"{key}.range", row, column, meta, edge, x, held=bool(chattering.any()))
+                heights = np.append(0.0, np.where(chattering, (high - low)[1:], 0.0))
+                self.add(f"{key}.range", row, column, meta, edge, x, held=self.wide(t, y, heights))
             blurred = np.append(False, chattering) & np.append(chattering, chattering[-1])  # rows amid that
             inner = np.full(len(y), math.nan) if always else 0.5*(low + high)
             y = y.copy()
@@ -343,7 +357,7 @@ def draw(runs: Mapping[str, list[Curve]]) -> tuple[list, dict]:
         y = 1 + rows.index(place[0])*columns + place[1]
         x = 1 + place[1] + columns*_plane(place[0])
         drawn[place] = (x, y, _traces(here, x, y, laws if several else "", told))
-    above = {r: max(_lines([t.name for t in traces if t.showlegend and t.legend != laws], wide)
+    above = {r: max(lines([t.name for t in traces if t.showlegend and t.legend != laws], wide)
                     for (row, _), (*_, traces) in drawn.items() if row == r) for r in rows}
     tops, heights, base = [], [TALL if r in TALL_ROWS else ROW for r in rows], 0
     for i, (r, h) in enumerate(zip(rows, heights, strict=True)):
@@ -356,8 +370,7 @@ def draw(runs: Mapping[str, list[Curve]]) -> tuple[list, dict]:
         left, top = column*(wide + APART), 1 - tops[n]/height
         bottom = max(top - heights[n]/height, 0.0)
         axes |= _axes([c for *_, c in here], x, y, (left, left + wide), (bottom, top))
-    lines = _lines(runs, 1.0)
-    margin = LAYOUT["margin"] | dict(t=TOP + (12 + LINE*lines)*several)
+    margin = LAYOUT["margin"] | dict(t=TOP + (12 + LINE*lines(runs, 1.0))*several)
     if several:
         axes[laws] = LEGEND | dict(x=0.0, xanchor="left", y=1.0 + TOP/height)
     layout = LAYOUT | axes | dict(height=height + margin["t"] + BOTTOM, margin=margin,
@@ -370,9 +383,12 @@ def _plane(row):
     return TALL_ROWS.index(row) + 1 if row in TALL_ROWS else 0
 
 
-def _lines(names, wide):
-    """How many lines a legend takes, about."""
-    return math.ceil(sum(ENTRY + LETTER*len(unmarked(n)) for n in names)/(wide*WIDTH))
+def lines(names: Iterable[str], wide: float) -> int:
+    """Return how many lines a legend takes, about, in so much of the narrowest picture."""
+    room, entries = wide*WIDTH, [ENTRY + LETTER*len(unmarked(n)) for n in names]
+    if sum(entries) <= room:
+        return min(len(entries), 1)
+    return math.ceil(len(entries)/max(room//max(entries), 1))  # plotly makes columns of one width
 
 
 def _number(n):
@@ -491,7 +507,7 @@ def metrics_html(run: Run) -> str:
         said["tail |σ|"] = _measure(m.tail_sigma, sigma, _plain)
     if m.reaching_time is not None:
         said["reaching time"] = reached(m.reaching_time)
-    said["chattering"] = f"{_measure(m.variation_u, u, _per_second)}, {measure(m.turns_u, 1.0, 'reversals/s')}"
+    said["chattering"] = f"{_measure(m.variation_u, u, _per_second)}; {measure(m.turns_u, 1.0, 'reversals/s')}"
     spans = "".join(f"<span>{n} <b>{v}</b></span>" for n, v in said.items()
                     if not v.startswith(UNKNOWN))
     return f'<div class="smcaero-metrics">{spans}</div>'

@@ -11,7 +11,21 @@ import plotly.graph_objects as go
 from ..core import Accuracy, Run
 from ..differentiators import Trial
 from ..prd import PRDResult, PRDSweep, Probe, VectorPRD
-from .curves import BOTTOM, COLOURS, GAP, LAYOUT, LEGEND, SYMBOLS, TOP, X_AXIS, Y_AXIS, draw, panels
+from .curves import (
+    BOTTOM,
+    COLOURS,
+    GAP,
+    LAYOUT,
+    LEGEND,
+    LINE,
+    SYMBOLS,
+    TOP,
+    X_AXIS,
+    Y_AXIS,
+    draw,
+    lines,
+    panels,
+)
 from .given import states as known
 
 __all__ = ["figure", "plot"]
@@ -131,7 +145,10 @@ def _beside(stack, charts):
     """Traces and layout of panels over time, and of charts side by side below them."""
     traces, axes, height = list(stack[0]), dict(stack[1]), stack[2]
     n = sum(k.startswith("yaxis") for k in axes)
-    full = height + (BELOW + TITLES*(height > 0) if charts else 0)
+    full = height
+    if charts:
+        told = [t.name for t in charts[-1][0] if t.showlegend]  # above the last
+        full += BELOW + TITLES*(height > 0) + LINE*max(lines(told, 1/len(charts)) - 1, 0)
     for k, axis in axes.items():
         if k.startswith("yaxis"):
             axis["domain"] = tuple(1.0 - (1.0 - q)*height/full for q in axis["domain"])
@@ -139,7 +156,7 @@ def _beside(stack, charts):
             axis["y"] = 1.0 - (1.0 - axis["y"])*height/full
     for i, (drawn, x, y) in enumerate(charts):  # two at most
         at = str(n + i + 1) if n + i else ""
-        left, right = (i + 0.13*(i > 0))/len(charts), (i + 1)/len(charts)
+        left, right = (i + 0.17*(i > 0))/len(charts), (i + 1)/len(charts)
         for trace in drawn:
             traces.append(trace.update(xaxis=f"x{at}", yaxis=f"y{at}", legend=f"legend{at}"))
         axes |= {f"xaxis{at}": X_AXIS | dict(domain=(left, right), anchor=f"y{at}") | x,

@@ -264,13 +264,13 @@ class Live(W.Box):
         return f"{why_diverged(run)}{end}.", True, made is None
 
     def _shadow(self, choice, loop, good):
-        """The curves of the setting before, or of the last good one behind a run that was lost."""
+        """The curves of the setting before, or of the last good one if either run was lost."""
         last, now = self._drawn, time.monotonic()
         if not (last and last.choice == choice and last.curves):
             return {}
-        if not good:
+        if not good or last is not self._good:  # a lost run would set the scale
             return before(self._good.curves) if self._good and self._good.choice == choice else {}
-        if last.loop is loop or now - self._rested < REST and last is self._good:
+        if last.loop is loop or now - self._rested < REST:
             return last.shadow  # zoomed; or a slider on its way
         self._rested = now
         return before(last.curves)

@@ -12,10 +12,10 @@ from .curves import LAW, comparison_html, draw, panels
 from .figures import figure
 from .given import offered
 from .job import Cancelled, Job, Overtaken, interrupted
-from .live import FIRST, ROWS, Live
+from .live import FIRST, ROWS, Live, rows
 from .mask import Page
 from .picture import Picture
-from .rows import zoomed
+from .rows import thinned, zoomed
 from .text import said_html, why_diverged, why_not
 
 __all__ = ["Certificate", "Compare", "certificate", "compare"]
@@ -106,6 +106,7 @@ class Compare(Study):
     def __init__(self, source: Live | Mapping[str, ClosedLoop]):
         names = list(source.mask.offered if isinstance(source, Live) else source)
         self.runs: dict[str, Run] = {}
+        self._fine: dict[str, Run] = {}  # the same with more rows, for the planes
         self._told, self._lost = "", False  # what there is to say of them, whether one was lost
         self._span: tuple = ()
         self._picked = frozenset(names[:MOST])
@@ -194,13 +195,16 @@ class Compare(Study):
 
             times: dict[str, Any] = self._times | dict(method=method)
             if name not in runs:
-                runs[name] = simulate(loop, **times, record=ROWS, progress=part)
+                record = rows(loop, **self._times, phase=True)
+                self._fine[name] = simulate(loop, **times, record=record, progress=part)
+                runs[name] = thinned(self._fine[name], ROWS)
             if len(runs[name].t):
                 shown[name] = zoomed(loop, runs[name], span, times, simulate, part)
         self.runs, self._span = runs, span
         # without the states of the laws: each has its own
         several = len(shown) > 1
-        curves = {n: [c for c in panels(r, phase=True, span=span or None, compared=several)
+        curves = {n: [c for c in panels(r, phase=True, fine=self._fine[n], span=span or None,
+                                        compared=several)
                       if c.row != LAW] for n, r in shown.items()}
         self._show(draw(curves), comparison_html(runs))
         lost = [f"{n} {why_diverged(r)}" for n, r in runs.items() if r.diverged_at is not None]

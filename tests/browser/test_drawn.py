@@ -235,3 +235,62 @@ def test_legends_and_titles_do_not_overlap(shown, number):
             page = shown(smc.ui.plot(result, phase=True).update_layout(width=width))
             count, overlaps = page.evaluate(OVERLAPS)
             assert count > 4 and overlaps == [], (width, list(result))
+
+
+def test_the_legend_of_many_answers_lies_below_the_title_of_the_axis_above_it(shown):
+    lander, output = smc.rpl.lander, smc.rpl.attitude_and_altitude
+    found = smc.prd.experiment(lander, output=output)()
+    for width in (800, 480):
+        page = shown(smc.ui.plot(found).update_layout(width=width))
+        count, overlaps = page.evaluate(OVERLAPS)
+        assert count > 4 and overlaps == [], width
+
+
+# ---- themes --------------------------------------------------------------------------------------
+FLOWN = """import smcaero_nb as smc
+run = smc.simulate(smc.rpl.loop(), record=4800)
+smc.ui.compare({"1-SMC": smc.rpl.loop(), "PID": smc.rpl.loop("pid", "paper")})""", """\
+film = smc.ui.flight(run)
+film""", "smc.ui.plot(smc.simulate(smc.lv.loop('pd'), 3.0))"
+DRAWN = "() => document.querySelectorAll('.smcaero-table, .smcaero-flight .js-line').length > 4 " \
+        "&& document.querySelector('.jp-RenderedPlotly .js-line')"
+THEME = """async theme => {
+    await window.jupyterapp.commands.execute('apputils:change-theme', { theme })
+    while (document.body.dataset.jpThemeLight !== String(theme.endsWith('Light')))
+        await new Promise(r => setTimeout(r, 50)) }"""
+BROKEN = """() => [...document.querySelectorAll('.smcaero-table :is(th, td)')]
+    .filter(e => !e.querySelector('.smcaero-verdict')).map(e => {
+        const range = document.createRange();
+        range.selectNodeContents(e);
+        return [e.textContent, range.getBoundingClientRect().height] })
+    .filter(([, high]) => high > 28)"""
+PICTURES = ".smcaero-study:not(.smcaero-flight) .js-plotly-plot", ".jp-RenderedPlotly .main-svg"
+
+
+def grey(nb, place):
+    """How light the points of an element are, from 0 to 255."""
+    shot = nb.page.locator(place).first.screenshot()
+    return np.asarray(Image.open(io.BytesIO(shot)).convert("L"), float)
+
+
+def test_pictures_are_dark_in_the_dark_and_tables_do_not_break_before_a_unit(notebook):
+    nb = notebook(*FLOWN)
+    nb.page.set_viewport_size(dict(width=1280, height=800))
+    assert nb.run() == []
+    nb.page.wait_for_function(DRAWN)
+    assert nb.page.locator(".smcaero-table td").count() > 8
+    assert nb.page.evaluate(BROKEN) == []
+    nb.page.set_viewport_size(dict(width=1280, height=1800))
+    nb.page.wait_for_timeout(500)
+    assert [q for q in PICTURES if not np.median(grey(nb, q)) > 250.0] == []
+    nb.page.evaluate(THEME, "JupyterLab Dark")
+    nb.page.wait_for_timeout(500)
+    for place in PICTURES:
+        seen = grey(nb, place)
+        assert np.median(seen) < 40.0 and seen.max() > 150.0, place  # and its texts are light
+    film = grey(nb, ".smcaero-flight .js-plotly-plot")
+    height, width = film.shape
+    sky = film[round(0.2*height):round(0.75*height), round(0.02*width):round(0.4*width)]
+    assert np.median(sky) < 60.0 and np.count_nonzero(sky > 180.0) > 100  # the lander is light
+    nb.page.evaluate(THEME, "JupyterLab Light")
+    assert nb.errors == []
