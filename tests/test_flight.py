@@ -216,9 +216,7 @@ def test_a_start_beyond_the_limits_is_said(picture):
     assert alone.run is None
     assert flight(alone).figure.data == () and not plot(simulate(far)).data[0].x.size
     both.wait()
-    first, second = both.status.split("\n")
-    assert first == "far diverged at 0 s: the start is beyond the limits of the plant"
-    assert second.startswith("near: u[1] is at the limit of the actuator for")
+    assert both.status == "far diverged at 0 s: the start is beyond the limits of the plant"
     assert both.figure.data
     with pytest.raises(ParameterError, match="flight: the run is not allowed; it must have rows"):
         flight(simulate(far))

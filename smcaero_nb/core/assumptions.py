@@ -10,6 +10,7 @@ from .block import Block
 from .card import Law
 from .param import switch, texted
 from .perturbation import UNFIT, laws, slope
+from .signal import flat
 from .sliding import apart, at_limit, gains, growing, rows_of, tail_rows
 
 if TYPE_CHECKING:
@@ -89,7 +90,8 @@ def doubts(run: "Run") -> list[str]:
     it is 2 % larger at the end than at the start of the tail, and was never as large before. The
     actuator is at its limit where it gives its minimum or maximum of the run, less than it is asked
     for, and would not give more if it were asked for twice as much; without an actuator, where u
-    reaches a bound of its metadata: at 5 % of 100 rows of the tail, or more. Where sigma keeps its
+    reaches a bound of its metadata: at 5 % of 100 rows of the tail, or more. One that is switched
+    from limit to limit, as by a relay, is not accused while sigma rests. Where sigma keeps its
     sign, the plant is led on from the last row with a little more of v, which has to move the error
     down; otherwise the gain has the wrong sign.
     """
@@ -212,7 +214,12 @@ def _limited(run: "Run") -> list[str]:
     law = run.loop.stages["law"]
     if law is None or len(run.t) < 12 or not any(isinstance(b.card, Law) for b, *_ in laws(run)):
         return []
-    found = at_limit(run, rows_of(tail_rows(run)))
-    shares = [float(q.mean()) for q in found or ()]
-    return [f"{leaf.key} is at the limit of the actuator for {100.0*q:.0f} % of the tail"
-            for leaf, q in zip(run.leaves("u"), shares, strict=True) if q >= SHARE] if found else []
+    rows, said = rows_of(tail_rows(run)), []
+    rests = all(m.rests for m in run._motions)
+    for i, beyond in enumerate(at_limit(run, rows) or ()):
+        u, low, high = (flat(q)[i] for q in (run.u, run.low.u, run.high.u))
+        both = min(np.mean(u[rows] <= low.min()), np.mean(u[rows] >= high.max())) >= SHARE
+        if beyond.mean() >= SHARE and not (both and rests):
+            said.append(f"{run.leaves('u')[i].key} is at the limit of the actuator for "
+                        f"{100.0*beyond.mean():.0f} % of the tail")
+    return said
