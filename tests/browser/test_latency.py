@@ -98,12 +98,13 @@ def test_redraw_costs_little_more_than_the_simulation(notebook):
         return sorted(values)[int(0.95*(len(values) - 1))]
 
     print("\n   steps   key press to redrawn curve [ms]   stored result   simulation   difference"
-          "   goals: p95 < 100 ms, stored median < 50 ms")
+          "   goals: stored median < 50 ms; p95 < 100 ms, of the long run simulation + 15 ms")
     print("            median     p95                  median   p95       median       of medians")
     for n in steps:
         median, bare, own = (statistics.median(v[n])
                              for v in (with_simulation, without, simulation))
-        good = p95(with_simulation[n]) < 100 and bare < 50
+        short = n == min(steps)
+        good = bare < 50 and (p95(with_simulation[n]) < 100 if short else median - bare <= own + 15)
         goal = "met" if good else "missed on this machine"
         print(f"{n:>8}   {median:7.1f} {p95(with_simulation[n]):7.1f} {bare:23.1f} "
               f"{p95(without[n]):5.1f} {own:12.1f} "
