@@ -13,7 +13,8 @@ if TYPE_CHECKING:
 
 __all__ = ["answer", "direct", "gain", "told"]
 
-LEAD, MOST = 20, 400  # samples, steps in which a plant shows which way it is pushed
+LEAD, FEW = 20, 25  # samples, but not more steps, in which a plant shows which way it moves
+MOST = 400  # steps in which it shows by how much
 
 
 def told(f: Callable) -> Any:
@@ -54,7 +55,7 @@ def answer(run: "Run") -> float | None:
     """
     if isinstance(run.u, tuple) or isinstance(run.v, tuple):
         return None
-    moved = _led(run, min(LEAD*round(run.tau/run.dt), MOST))
+    moved = _led(run, min(LEAD*round(run.tau/run.dt), FEW))
     return None if moved is None or not np.isfinite(moved[0]) else float(moved[0])
 
 
