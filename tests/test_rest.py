@@ -6,9 +6,11 @@ import control
 import numpy as np
 import pytest
 
+import smcaero_nb as smc
 from smcaero_nb import ClosedLoop, applications, block, interop, simulate, smc1, smc2
 from smcaero_nb.core import reaching_time
 from smcaero_nb.core.assumptions import exceeds
+from smcaero_nb.core.rows import evaluated
 
 
 @block(state=dict(y=1.0))
@@ -173,3 +175,38 @@ def test_a_law_without_a_card_slides_on_the_sigma_that_it_sees():
 def test_a_size_and_its_bound_are_told_apart():
     assert exceeds("L")(dict(L=2.0), 2.0043, 0.0) == "|xi| reaches 2.0043, more than L = 2 [v]"
     assert exceeds("L")(dict(L=2.0), 2.5678, 0.0) == "|xi| reaches 2.57, more than L = 2 [v]"
+
+
+# ---- stages evaluated once more ------------------------------------------------------------------
+def test_a_limit_in_a_chain_of_actuators_is_seen():
+    """A block in series is not one beside: what the chain gives is what its last block gives."""
+    half = block(lambda u: 0.5*u)
+    limit = block(lambda u: max(-0.5, min(0.5, u)))
+    loop = ClosedLoop(block(state=dict(y=0.0))(lambda x, u: (u - x[0],)),
+                      output=block(lambda x: x[0]), reference=block(lambda t: 1.0),
+                      law=smc.smc2.super_twisting, duration=10.0, dt=1e-2)
+    for actuator in (limit, smc.chain(half=half, limit=limit), smc.chain(limit=limit, half=half)):
+        said = simulate(loop.with_(actuator=actuator), jit=False).doubts()
+        assert "u is at the limit of the actuator for 100 % of the tail" in said, actuator
+
+
+def test_a_chain_of_surfaces_is_evaluated_on_the_true_error():
+    line = block(lambda e: e[1] + 2.0*e[0])
+    twice, plain = block(lambda e: 2.0*e), smc.chain(line=line, twice=block(lambda e: 1.0*e))
+    angle = smc.differentiators.differentiator(1).with_(L=5.0)
+    loop = smc.applications.double_integrator("sign_smc").with_(differentiator=angle)
+    runs = [simulate(loop.with_(surface=s), 3.0, jit=False)
+            for s in (line, plain, smc.chain(line=line, twice=twice))]
+    np.testing.assert_array_equal(runs[1].true_sigma, runs[0].true_sigma)
+    np.testing.assert_allclose(runs[2].true_sigma, 2.0*(
+        runs[2].e[1] + 2.0*runs[2].e[0] if isinstance(runs[2].e, tuple)
+        else np.gradient(runs[2].e, runs[2].t) + 2.0*runs[2].e), atol=1e-9)
+
+
+def test_a_stage_is_evaluated_with_its_own_salt_and_sample():
+    grain = block(lambda u, k, salt: u + float((k*2654435761 + salt) % 1000))
+    loop = ClosedLoop(block(state=dict(y=0.0))(lambda x, u: (0.0*u,)), duration=1.0, dt=0.1,
+                      law=block(lambda e: e), actuator=grain)
+    for actuator in (grain, smc.chain(a=grain, b=grain)):
+        run = simulate(loop.with_(actuator=actuator), jit=False)
+        np.testing.assert_array_equal(evaluated(run, "actuator", {"u": run.v})[:-1], run.u[:-1])

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .program import parts
+from .rows import row
 
 if TYPE_CHECKING:
     from .run import Run
@@ -23,7 +24,8 @@ def told(f: Callable) -> Any:
     def asked(*args):
         try:
             return f(*args)
-        except Exception:  # a block is anybody's: its samples may not be recorded
+        # a block is anybody's: it may not be defined there, or remember what is not recorded
+        except (ArithmeticError, LookupError, TypeError, ValueError):
             return None
 
     return asked
@@ -31,7 +33,7 @@ def told(f: Callable) -> Any:
 
 def _led(run: "Run", steps: int) -> np.ndarray | None:
     """What a little more of v adds to each sliding variable, so many steps after the last row."""
-    from .linear import given, motion, row, vector  # most processes judge no run
+    from .linear import given, motion, vector  # most processes judge no run
     from .zeros import pushed, slid
 
     at = given(run, -1) | {n: row(getattr(run, n), -1) for n in ("r", "y", "e", "v")}

@@ -10,6 +10,7 @@ from .block import Block
 from .card import Law
 from .param import switch, texted
 from .perturbation import UNFIT, laws, slope
+from .rows import row
 from .signal import flat
 from .sliding import apart, at_limit, gains, growing, rows_of, tail_rows
 
@@ -59,11 +60,6 @@ def exceeds(name: str, symbol: str = "|xi|", rate: bool = False) -> Condition:
     return condition
 
 
-def _row(s: Any, i: int) -> Any:
-    """A recorded signal at one row."""
-    return tuple(_row(q, i) for q in s) if isinstance(s, tuple) else float(s[i])
-
-
 def doubts(run: "Run") -> list[str]:
     r"""Return what speaks against this run as one that slides, in words.
 
@@ -110,7 +106,7 @@ def _allocated(run: "Run") -> list[str]:
     if not getattr(allocation, "theorem", None):
         return []
     rows = np.unique(np.linspace(0, len(run.t) - 1, ROWS).astype(int))
-    why = allocation.theorem(dict(allocation.values), [_row(run.y, i) for i in rows])
+    why = allocation.theorem(dict(allocation.values), [row(run.y, i) for i in rows])
     return [why] if why else []
 
 

@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .exact import integral
-from .linear import given, jacobian, motion, row, vector
+from .linear import given, jacobian, motion, vector
 from .program import METHODS, methods
+from .rows import row
 from .signal import flat
 
 if TYPE_CHECKING:

@@ -7,20 +7,16 @@ import numpy as np
 
 from .block import Channels
 from .program import parts
+from .rows import row
 from .signal import filled, flat, shape
 
 if TYPE_CHECKING:
     from .run import Run
 
-__all__ = ["called", "given", "jacobian", "motion", "row", "vector"]
+__all__ = ["called", "given", "jacobian", "motion", "vector"]
 
 STEP = 1e-6  # of a difference, relative to 1 + |x|
 SMOOTH = 1e-3  # relative difference of the slopes on both sides, above which there is a kink
-
-
-def row(s: Any, i: int) -> Any:
-    """Return a recorded signal at one row."""
-    return tuple(row(q, i) for q in s) if isinstance(s, tuple) else float(s[i])
 
 
 def vector(s: Any) -> np.ndarray:

@@ -5,7 +5,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .block import Block
-from .chain import Chain
 from .rows import evaluated
 from .signal import flat
 
@@ -180,8 +179,6 @@ def _true(run: "Run") -> Any:
         alike = zip(e, run.sigma, strict=True) if isinstance(run.sigma, tuple) else ()
         return tuple(q if isinstance(s, tuple) or not isinstance(q, tuple) else q[0]
                      for q, s in alike) or e
-    if isinstance(surface, Chain):
-        raise ValueError("the surface is a chain")
     return evaluated(run, "surface", {"e": e, "y": run.y})
 
 

@@ -5,11 +5,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .block import Block
+from .chain import Chain
+from .stages import STAGES, salt
 
 if TYPE_CHECKING:
     from .run import Run
 
-__all__ = ["evaluated", "taken"]
+__all__ = ["evaluated", "row", "taken"]
 
 
 def evaluated(run: "Run", stage: str, given: dict[str, Any], rows: Any = slice(None)) -> Any:
@@ -30,13 +32,20 @@ def evaluated(run: "Run", stage: str, given: dict[str, Any], rows: Any = slice(N
     """
     b = run.loop.stages[stage]
     signals = {n: taken(getattr(run, n), rows) for n in ("t", "r", "sigma", "v", "u")}
-    signals |= {"y": taken(run.y_m, rows), "e": taken(run.e_hat, rows), "tau": run.tau, "salt": 0}
+    signals |= {"y": taken(run.y_m, rows), "e": taken(run.e_hat, rows), "tau": run.tau}
     signals |= {"k": np.floor(signals["t"]/run.tau + 1e-6)} | given
+    z = getattr(run.z, stage, None)
     if not hasattr(b, "parts"):
-        return _called(b, signals, getattr(run.z, stage, None), rows)
-    return tuple(_called(p, {n: q[i] if isinstance(q, tuple) else q for n, q in signals.items()},
-                         getattr(getattr(run.z, stage), n), rows)
-                 for i, (n, p) in enumerate(b.parts.items()))
+        return _called(b, signals | {"salt": salt(stage)}, z, rows)
+    results = []
+    for i, (n, p) in enumerate(b.parts.items()):
+        seen = signals | {"salt": salt(f"{stage}__{n}")}
+        if not isinstance(b, Chain):
+            seen = {name: q[i] if isinstance(q, tuple) else q for name, q in seen.items()}
+        elif results:
+            seen[STAGES[stage].passes.removesuffix("_hat")] = results[-1]
+        results.append(_called(p, seen, getattr(z, n, None), rows))
+    return results[-1] if isinstance(b, Chain) else tuple(results)
 
 
 def taken(s: Any, rows: Any) -> Any:
@@ -44,9 +53,10 @@ def taken(s: Any, rows: Any) -> Any:
     return tuple(taken(q, rows) for q in s) if isinstance(s, tuple) else s[rows]
 
 
-def _row(s: Any, i: int) -> Any:
+def row(s: Any, i: int) -> Any:
+    """Return a recorded signal at one row; what is not recorded, as it is."""
     if isinstance(s, tuple):
-        return tuple(_row(q, i) for q in s)
+        return tuple(row(q, i) for q in s)
     return float(s[i]) if isinstance(s, np.ndarray) else s
 
 
@@ -66,7 +76,7 @@ def _called(b: Block, signals: dict[str, Any], z: Any, rows: Any) -> Any:
             result = given(b.f(*asked, *b.p))
         return _filled(result, count)
     except Exception:
-        results = [given(b.f(*(_row(q, i) for q in asked), *b.p)) for i in range(count)]
+        results = [given(b.f(*(row(q, i) for q in asked), *b.p)) for i in range(count)]
         return _gathered(results)
 
 

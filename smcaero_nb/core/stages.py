@@ -1,8 +1,9 @@
 """The stages of a closed loop: a table of what each may ask for and what it gives."""
 
+import zlib
 from typing import NamedTuple
 
-__all__ = ["SAMPLED", "STAGES", "Stage", "table"]
+__all__ = ["SAMPLED", "STAGES", "Stage", "salt", "table"]
 
 
 class Stage(NamedTuple):
@@ -58,6 +59,11 @@ SAMPLED = tuple(name for name, s in STAGES.items() if s.when == "tau")
 OWN = ("z", "tau", "k", "salt")
 #: Recorded signals.
 SIGNALS = ("t", "r", "y", "y_m", "e", "e_hat", "sigma", "v", "u", "d")
+
+
+def salt(path: str) -> int:
+    """Return an integer that is unique to the path of a block, such as ``sensor__noise``."""
+    return zlib.crc32(path.encode())
 
 
 def table() -> str:

@@ -1,6 +1,5 @@
 """Writes the program of a loop, trying each line at t = 0 to find the shapes of the signals."""
 
-import zlib
 from typing import Any
 
 from .block import Block, BlockError, Channels
@@ -12,7 +11,7 @@ from .leaves import leaves_of
 from .param import listed, said
 from .program import LIMIT, METERS, METHODS, Program, first, line, parts
 from .signal import leaves, shape, text, tuples
-from .stages import OWN, SAMPLED, SIGNALS, STAGES
+from .stages import OWN, SAMPLED, SIGNALS, STAGES, salt
 
 __all__ = ["asking", "inputs", "written"]
 
@@ -329,7 +328,7 @@ class _Writer:
         asked = [self.seen(stage, n) for n in b.signals]
         memory = "".join(f"{nested(q, s)}, " for q, s, _ in states)
         own = {"z": f"({memory})", "tau": "tau",
-               "t": alias.get("t", "t"), "k": "count", "salt": str(zlib.crc32(path.encode()))}
+               "t": alias.get("t", "t"), "k": "count", "salt": str(salt(path))}
         try:
             args = [own.get(n) or self.text(n, channel if n != "x" else None, alias.get(n))
                     for n in asked]

@@ -10,8 +10,9 @@ import numpy as np
 from .card import Law
 from .chain import Chain
 from .leaves import at as leaf
-from .linear import called, given, jacobian, motion, row, vector
+from .linear import called, given, jacobian, motion, vector
 from .program import parts
+from .rows import row
 from .signal import filled, flat, shape
 
 if TYPE_CHECKING:
