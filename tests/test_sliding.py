@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from designs import BASES, DESIGNS, doubtful, judged, settled
+from designs import DESIGNS, judged, settled
 
 from smcaero_nb import ClosedLoop, block, channels, hosmc, lv, simulate, smc1, smc2
 from smcaero_nb.applications import double_integrator, perturbed_chain
@@ -35,12 +35,6 @@ def test_and_at_small_steps(law, r):
     for tau in (1e-3, 1e-4):
         for run in settled(law, r, tau):
             judged(law, run)
-
-
-def test_valid_designs_raise_no_doubt():
-    """Some of them; `make study` runs all, for as long as they take."""
-    kinds = [q for q in BASES if q[1] < 4]
-    assert doubtful(50, kinds=kinds, duration=12.0, dt=2e-3, tau=2e-3, jit=False) == []
 
 
 def test_a_reaching_time_is_that_of_the_theory():
