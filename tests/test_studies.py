@@ -9,6 +9,7 @@ import smcaero_nb as smc
 from smcaero_nb import ParameterError, block, smc1, smc2
 from smcaero_nb.applications import perturbed_chain
 from smcaero_nb.ui import certificate, compare, live, plot, studies
+from smcaero_nb.ui.curves import comparison_html
 
 CHAINS = {name: perturbed_chain(law, 1).with_(duration=5.0) for name, law in (
     ("sign", smc1.sign_smc), ("quasi", smc1.quasi_smc), ("saturation", smc1.saturation_smc),
@@ -228,3 +229,18 @@ def test_picture_of_an_accuracy_without_any_order():
     figure = plot(smc.accuracy(perturbed_chain(smc.hosmc.quasi_continuous(3), 3), 3.0))
     assert all(t.mode == "markers" for t in figure.data) or figure.data
     assert figure.layout.xaxis.type == figure.layout.yaxis.type == "log"
+
+
+def test_a_table_says_what_never_slid_and_why():
+    lag = block(state=dict(y=0.0))(lambda x, u, d: (-x[0] + u + d,))
+    loop = smc.ClosedLoop(lag, output=block(lambda x: x[0]), duration=10.0, dt=1e-2,
+                          reference=block(lambda t: 1.0), law=smc1.sign_smc.with_(rho=2.0),
+                          perturbation=block(lambda t, size=0.5: size))
+    study = smc.ui.compare({"holds": loop, "weak": loop.with_(perturbation__size=-4.0),
+                            "PD": smc.lv.loop("pd")})
+    study.wait()
+    rows = [q.split("</tr>")[0] for q in comparison_html(study.runs).split("<tr>")[1:]]
+    told = {n: next(q for q in rows if n in q) for n in ("holds", "weak", "PD")}
+    assert "not reached" in told["weak"] and "no sliding" in told["PD"]
+    assert "not reached" not in told["holds"]
+    assert "weak: |xi| reaches" in study.status and "holds:" not in study.status
