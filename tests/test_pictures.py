@@ -298,3 +298,41 @@ def test_no_figure_has_a_button_that_uploads_it():
     both.wait()
     for figure in (*made.figures, both.figure):
         assert figure.layout.modebar.remove in (["sendChartToCloud"], ("sendChartToCloud",))
+
+
+def test_the_sliding_line_is_that_of_the_whole_surface_whatever_it_remembers():
+    """A chain gives what its last block gives; memory may be tuples; of a buffer none is known."""
+    mass = block(state=dict(s=1.0, v=0.0))(lambda x, u: (x[1], u))
+    line, lifted = block(lambda e: e[1] + e[0]), block(lambda e: e + 0.25)
+    nested = block(state=dict(m=((0.0, 0.0), (0.25, 0.0))))(
+        lambda e, z, tau: (e[1] + e[0] + z[0][1][0], (z[0],)))
+    late = block(state=dict(old=smc.Buffer(3)))(
+        lambda e, z, tau: (e[1] + e[0] + 0.0*z[0], (e[0],)))
+    loop = ClosedLoop(mass, output=block(lambda x: (x[0], x[1])), law=smc.smc1.sign_smc,
+                      duration=5.0, dt=1e-2)
+    for surface, offset in ((line, 0.0), (smc.chain(line=line, lifted=lifted), 0.25),
+                            (nested, 0.25), (late, None)):
+        run = smc.simulate(loop.with_(surface=surface), jit=False)
+        drawn = [(c.x, c.y) for c in panels(run, phase=True) if c.key == "line"]
+        assert len(drawn) == (offset is not None)
+        for x, y in drawn:
+            seen = np.isfinite(y)
+            assert seen.sum() > 10
+            np.testing.assert_allclose(y[seen], -x[seen] - offset, atol=1e-6)
+
+
+def test_states_that_are_tuples_are_drawn_entry_by_entry_and_buffers_are_not():
+    body = block(state=dict(q=((1.0, 0.0), Param("q", "m")), s=1.0))(
+        lambda x, u: ((x[0][1], -x[0][0]), u))
+    law = block(state=dict(w=((0.0, 1.0), (2.0, 3.0)), old=smc.Buffer(4), n=0.0))(
+        lambda sigma, z, tau: (-sigma + 0.0*z[1], (z[0], sigma, z[2] + tau)))
+    loop = ClosedLoop(body, output=block(lambda x: x[1]), law=law, duration=1.0, dt=0.1)
+    run = simulate(loop, jit=False)
+    drawn = {c.key: c for c in panels(run, ("q", "s"))}
+    assert [n for n in drawn if n.startswith("law.")] == [
+        "law.w[0][0]", "law.w[0][1]", "law.w[1][0]", "law.w[1][1]", "law.n"]
+    assert drawn["law.w[1][0]"].y.max() == 2.0 and drawn["x.q[0]"].label == "q[0]"
+    np.testing.assert_allclose(drawn["x.q[1]"].y, run.x.q[1], rtol=1e-6)
+    picture = live(loop, states=("q",))
+    picture.wait()
+    assert picture.status == "" and "x.q[1]" in picture.curves

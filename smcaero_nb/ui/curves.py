@@ -10,7 +10,8 @@ import plotly.graph_objects as go
 
 from ..core import Param, Run
 from ..core.leaves import at
-from ..core.signal import flat
+from ..core.signal import flat, shape
+from ..core.signal import leaves as paths
 from .between import band, chatters, coarse, corners, held, mean, once, reversals
 from .planes import ERRORS, PHASE, planes
 from .text import (
@@ -99,6 +100,14 @@ class Curve(NamedTuple):
 def _named(meta, name):
     """Metadata with a symbol, by default that of the name."""
     return replace(meta, symbol=meta.symbol or NAMED.get(name, name))
+
+
+def _entries(name, meta, values):
+    """(name, metadata, values) of a state; of each entry of one that is a tuple."""
+    if not isinstance(values, tuple):
+        return [(name, _named(meta, name), values)]
+    return [(name + q, replace(meta, symbol=name + q), v)
+            for q, v in zip(paths(shape(values)), flat(values), strict=True)]
 
 
 def _single(values):
@@ -228,9 +237,9 @@ class _Panels:
             meta = replace(stages["allocation"].states["xi"], symbol=r"\hat\xi")
             self.sampled("allocation.xi", "perturbation", 0, meta, run.z.allocation.xi)
         for n in states:
-            meta = _named(stages["plant"].states[n], n)
-            row = "control" if meta.unit == leaves[0].meta.unit else f"states [{meta.unit}]"
-            self.add(f"x.{n}", row, 0, meta, getattr(run.x, n))
+            for q, meta, x in _entries(n, stages["plant"].states[n], getattr(run.x, n)):
+                row = "control" if meta.unit == leaves[0].meta.unit else f"states [{meta.unit}]"
+                self.add(f"x.{q}", row, 0, meta, x)
 
     def sliding(self):
         """The sliding variable."""
@@ -251,10 +260,11 @@ class _Panels:
                 t, edge = corners(self.run.t, edge)
                 t, edge = (np.concatenate(q) for q in ((t, [math.nan], t), (edge, [math.nan], -edge)))
                 self.add(f"band{mark}", "sliding variable", c, Param(r"\mathrm{band}", "[sigma]"), edge, t, reference=True)
+            z = getattr(self.run.z.law, name) if name else getattr(self.run.z, "law", None)
             for n, meta in b.states.items():
-                if not meta.hidden:
-                    z = getattr(self.run.z.law, name) if name else self.run.z.law
-                    self.sampled(f"law.{n}{mark}", LAW, c, _named(meta, n), getattr(z, n))
+                if not (meta.hidden or n in b.buffers):
+                    for q, about, values in _entries(n, meta, getattr(z, n)):
+                        self.sampled(f"law.{q}{mark}", LAW, c, about, values)
 
     def probed(self):
         """What the probe gives."""

@@ -7,8 +7,11 @@ from typing import Any
 import numpy as np
 
 from ..core import Param, Run
+from ..core.chain import Chain
 from ..core.leaves import at
 from ..core.perturbation import degree, laws
+from ..core.program import parts
+from ..core.rows import evaluated, taken
 from ..core.signal import flat
 
 __all__ = ["ERRORS", "PHASE", "planes"]
@@ -72,35 +75,35 @@ def _errors(run) -> Iterator[Plane]:
             names = "e", r"\dot e"
             across, up = (Param(n, q.unit) for n, q in zip(names, (across, meta), strict=True))
             yield ERRORS, f"plane{mark}", c, *_drawn(run.t, x, y), (up, across)
-            line = _line(run, c, len(pairs), x, y)
+            line = _line(run, signal, pair[0].path, len(pairs), x, y)
             if line:
                 yield ERRORS, f"line{mark}", c, *line, (Param(r"\sigma\,=\,0", meta.unit), across)
         if pairs:
             return
 
 
-def _line(run, c, channels, x, y):
+def _line(run, signal, path, channels, x, y):
     """Where sigma is zero in the plane of e and e', with the memory of the end of the run."""
-    surface, z = run.loop.stages["surface"], getattr(run.z, "surface", None)
-    if hasattr(surface, "parts"):
-        name = [*surface.parts][c]
-        surface, z = surface.parts[name], getattr(z, name, None)
-    elif channels > 1:
+    surface = run.loop.stages["surface"]
+    each = hasattr(surface, "parts") and not isinstance(surface, Chain)
+    asked = {n for b in parts(surface) for n in b.signals}
+    if asked - {"t", "e", "z", "tau"} or channels > 1 and not each:
         return None
-    reach = float(np.max(np.abs(y))) or 1.0
-    memory = tuple(float(getattr(z, n)[-1]) for n in surface.states)
-    given = dict(t=float(run.t[-1]), tau=run.tau, z=memory)
+    reach, last = float(np.max(np.abs(y))) or 1.0, np.full(POINTS, len(run.t) - 1)
+    es = np.linspace(min(x.min(), 0.0), max(x.max(), 0.0), POINTS)
 
-    def sigma(e, rate):
-        asked = [{**given, "e": (e, rate)}[n] for n in surface.signals]
-        out = surface.f(*asked, *surface.p)
-        return float(flat(out[0] if surface.states else out)[0])
+    def sigma(rate):
+        e = es, np.full(POINTS, rate)
+        if len(path) > 1:
+            e = tuple(e if i == path[0] else q
+                      for i, q in enumerate(taken(getattr(run, signal), last)))
+        found = evaluated(run, "surface", {"e": e}, last)
+        return flat(found[path[0]] if each else found)[0]
 
     try:
-        es = np.linspace(min(x.min(), 0.0), max(x.max(), 0.0), POINTS)
-        at_0, at_1, at_2 = (np.array([sigma(e, k*reach) for e in es]) for k in (0.0, 1.0, 2.0))
-    except Exception:  # it asks for more, or not for these
-        return None
+        at_0, at_1, at_2 = (sigma(k*reach) for k in (0.0, 1.0, 2.0))
+    except (ArithmeticError, LookupError, TypeError, ValueError):
+        return None  # not defined there, or it remembers what is not recorded
     slope = at_1 - at_0
     if not np.allclose(at_2 - at_1, slope, rtol=1e-6) or not np.all(slope):
         return None  # not linear in e'
